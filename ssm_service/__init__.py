@@ -1,0 +1,1 @@
+"""Speed and separation monitoring for robot arms."""

@@ -1,0 +1,276 @@
+"""What a robot file may hold: every key with its type, unit, bounds, default and meaning.
+
+The structures are frozen and know nothing of URDFs; whether a named joint, link or frame exists is
+checked where the URDF is read (``ssm_service.model``). The reference page of all keys is generated
+from this module (``ssm_service.config.reference``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct, field
+
+
+def _meta(meaning: str, unit: str | None = None, **bounds: Any) -> Meta:
+    return Meta(description=meaning, extra={"unit": unit or "–"}, **bounds)
+
+
+Vector3 = tuple[float, float, float]
+
+
+class Section(Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of every table in a robot file: frozen, no unknown keys."""
+
+
+class JointsConfig(Section, kw_only=True):
+    """Which joints do not move. Joints named nowhere are free."""
+
+    locked: Annotated[
+        dict[str, float],
+        _meta(
+            "joints that stay in every message but that no command ever moves, and the position at which "
+            "the simulated robot holds them",
+            "rad or m",
+        ),
+    ] = {}
+    fixed: Annotated[
+        dict[str, float],
+        _meta(
+            "joints that are taken out of the model at this position and appear in no message "
+            "(a gripper's fingers)",
+            "rad or m",
+        ),
+    ] = {}
+
+
+class SimulatedSensorConfig(Section, kw_only=True):
+    """How the simulated sensors of a ring err. Everything is off by default."""
+
+    noise_std_m: Annotated[float, _meta("standard deviation of Gaussian noise", "m", ge=0.0, le=1.0)] = 0.0
+    bias_m: Annotated[float, _meta("constant offset of every reading", "m", ge=-1.0, le=1.0)] = 0.0
+    resolution_m: Annotated[float, _meta("quantisation step; 0 is none", "m", ge=0.0, le=0.1)] = 0.0
+    dropout_probability: Annotated[
+        float, _meta("chance that an echo is lost", None, ge=0.0, le=1.0)
+    ] = 0.0
+    latency_s: Annotated[float, _meta("delay from measurement to message", "s", ge=0.0, le=1.0)] = 0.0
+
+
+class RingConfig(Section, kw_only=True):
+    """One ring of range sensors round a link, evenly spaced, looking outwards."""
+
+    name: Annotated[str, _meta("name of the ring", None, min_length=1)]
+    parent_frame: Annotated[str, _meta("URDF link (or other frame) that carries the ring", None, min_length=1)]
+    origin_m: Annotated[Vector3, _meta("centre of the ring in the parent frame", "m")]
+    axis: Annotated[Vector3, _meta("the ring's axis in the parent frame; need not be of unit length")] = (
+        0.0,
+        0.0,
+        1.0,
+    )
+    first_direction: Annotated[
+        Vector3, _meta("sensing direction of sensor 1 in the parent frame, perpendicular to the axis")
+    ] = (1.0, 0.0, 0.0)
+    count: Annotated[int, _meta("number of sensors, evenly spaced about the axis", None, ge=1, le=64)]
+    radius_m: Annotated[
+        float, _meta("distance of the sensors from the axis: the radius of the link there", "m", gt=0.0, le=2.0)
+    ]
+    field_of_view_deg: Annotated[
+        float, _meta("full opening angle of one sensor's cone", "deg", gt=0.0, lt=180.0)
+    ]
+    range_min_m: Annotated[float, _meta("least distance that the device resolves", "m", ge=0.0)] = 0.0
+    range_max_m: Annotated[
+        float, _meta("greatest distance that the device reports; beyond it there is no echo", "m", gt=0.0, le=100.0)
+    ]
+    period_s: Annotated[float, _meta("time of one scan of all sensors", "s", gt=0.0, le=10.0)]
+    accuracy_m: Annotated[
+        float, _meta("greatest error of a reading that the maker states (±)", "m", ge=0.0, le=1.0)
+    ] = 0.0
+    simulated: Annotated[SimulatedSensorConfig, _meta("errors of the simulated sensors")] = (
+        SimulatedSensorConfig()
+    )
+
+    def __post_init__(self) -> None:
+        if self.range_min_m >= self.range_max_m:
+            raise ValueError("`range_min_m` must be below `range_max_m`")
+        norms = math.hypot(*self.axis), math.hypot(*self.first_direction)
+        if min(norms) < 1e-9:
+            raise ValueError("`axis` and `first_direction` must not be zero")
+        dot = sum(a * b for a, b in zip(self.axis, self.first_direction, strict=True))
+        if abs(dot) > 1e-6 * norms[0] * norms[1]:
+            raise ValueError("`first_direction` must be perpendicular to `axis`")
+
+
+class LimitsConfig(Section, kw_only=True):
+    """Limits beside those of the URDF. The smaller of two limits holds."""
+
+    velocity_rad_s: Annotated[
+        dict[str, float], _meta("joint speed limits by joint, below or in place of the URDF's", "rad/s or m/s")
+    ] = {}
+    acceleration_rad_s2: Annotated[
+        float, _meta("how fast a commanded joint may speed up; slowing down is never delayed", "rad/s²", gt=0.0, le=1000.0)
+    ] = 4.0
+    position_margin_rad: Annotated[
+        float, _meta("distance that is kept from each joint's position limits", "rad or m", ge=0.0, le=1.0)
+    ] = 0.02
+
+
+class SourceConfig(Section, kw_only=True):
+    """One input of the monitor."""
+
+    required: Annotated[
+        bool,
+        _meta(
+            "true: `stop` until it has arrived. false: it may be absent; once it has been seen it must stay fresh"
+        ),
+    ]
+    timeout_s: Annotated[float, _meta("age beyond which the source is stale", "s", gt=0.0, le=10.0)]
+
+
+class SourcesConfig(Section, kw_only=True):
+    """The inputs of the monitor."""
+
+    joints: Annotated[SourceConfig, _meta("joint positions and velocities; always required")] = SourceConfig(
+        required=True, timeout_s=0.1
+    )
+    ranges: Annotated[SourceConfig, _meta("readings of the sensor rings")] = SourceConfig(
+        required=True, timeout_s=0.4
+    )
+    obstacles: Annotated[SourceConfig, _meta("tracked obstacles, for the exact distance")] = SourceConfig(
+        required=False, timeout_s=0.25
+    )
+    target: Annotated[SourceConfig, _meta("the wanted motion; its absence never makes a zone milder")] = (
+        SourceConfig(required=False, timeout_s=0.5)
+    )
+
+    def __post_init__(self) -> None:
+        if not self.joints.required:
+            raise ValueError("`joints.required` must be true: without joint positions nothing is known")
+        if self.target.required:
+            raise ValueError("`target.required` must be false: a missing target only zeroes the command")
+
+
+class MotionConfig(Section, kw_only=True):
+    """How targets become joint velocities ([Kang2022] 11–16, Algorithm 1; SCIENCE 6)."""
+
+    controller: Annotated[
+        Literal["field", "field3d"],
+        _meta("for `position` targets: the conventional potential field, or the 3-D field of the sensor ring"),
+    ] = "field"
+    speed_m_s: Annotated[
+        float, _meta("speed of the end effector under a `position` target", "m/s", gt=0.0, le=5.0)
+    ] = 0.1
+    attractive_gain: Annotated[float, _meta("ξ of the attractive field", "1/s²", gt=0.0)] = 1.0
+    repulsive_gain: Annotated[float, _meta("η of the repulsive field", "m⁴/s²", ge=0.0)] = 0.002
+    influence_distance_m: Annotated[
+        float, _meta("ρ0: obstacles beyond this distance do not repel", "m", gt=0.0, le=10.0)
+    ] = 0.3
+    approach_gain: Annotated[
+        float, _meta("the end effector slows to this times its distance from the goal", "1/s", gt=0.0, le=100.0)
+    ] = 2.0
+    arrival_tolerance_m: Annotated[
+        float, _meta("the goal counts as reached within this distance", "m", gt=0.0, le=0.1)
+    ] = 0.001
+    singular_value_threshold: Annotated[
+        float, _meta("damping begins where the Jacobian's least singular value is below this", "m/rad", gt=0.0, le=1.0)
+    ] = 0.02
+    max_damping: Annotated[
+        float, _meta("greatest damping λ, at a singular configuration", "m/rad", gt=0.0, le=1.0)
+    ] = 0.05
+
+
+class ZoneConfig(Section, kw_only=True):
+    """One zone that slows the robot."""
+
+    distance_m: Annotated[float, _meta("the zone holds up to and including this distance", "m", gt=0.0, le=100.0)]
+    joint_speed_rad_s: Annotated[
+        float, _meta("speed limit of every joint in this zone", "rad/s or m/s", gt=0.0, le=100.0)
+    ]
+    speed_scaling: Annotated[float, _meta("speed scaling told to consumers", None, gt=0.0, le=1.0)]
+
+
+class ProfileConfig(Section, kw_only=True):
+    """A zone profile: distance to zone, zone to joint speed ([Kang2022] II-B-1)."""
+
+    red: Annotated[ZoneConfig, _meta("the nearer zone")]
+    yellow: Annotated[ZoneConfig, _meta("the farther zone; beyond it is green")]
+    recovery_ticks: Annotated[
+        int, _meta("good ticks in a row before a zone becomes milder", "ticks", ge=1, le=100_000)
+    ] = 25
+
+    def __post_init__(self) -> None:
+        for key in ("distance_m", "joint_speed_rad_s", "speed_scaling"):
+            if getattr(self.red, key) > getattr(self.yellow, key):
+                raise ValueError(f"`red.{key}` must not be above `yellow.{key}`: nearer is never faster")
+        if self.red.distance_m == self.yellow.distance_m:
+            raise ValueError("`red.distance_m` must be below `yellow.distance_m`")
+
+
+class RobotFile(Section, kw_only=True):
+    """A robot file as written, validated on its own."""
+
+    urdf: Annotated[
+        str,
+        _meta(
+            "path of the URDF, relative to this file, or `example-robot-data:PATH` for one of that package's robots",
+            None,
+            min_length=1,
+        ),
+    ]
+    package_dirs: Annotated[
+        list[str], _meta("folders in which `package://` mesh paths are looked up, relative to this file")
+    ] = []
+    end_effector_frame: Annotated[
+        str, _meta("frame that `twist` and `position` targets move", None, min_length=1)
+    ]
+    links: Annotated[
+        list[str] | None,
+        _meta("links whose distance is monitored; left out: every link with collision geometry"),
+    ] = None
+    hull_pieces: Annotated[
+        dict[str, Annotated[int, Meta(ge=1, le=32)]],
+        _meta("into how many slabs a link's mesh is cut for its convex bound; 1 where not named"),
+    ] = {}
+    joints: Annotated[JointsConfig, _meta("joints that do not move")] = JointsConfig()
+    rings: Annotated[list[RingConfig], _meta("sensor rings, in the order of the readings in `Ranges`")] = []
+    limits: Annotated[LimitsConfig, _meta("limits beside the URDF's")] = LimitsConfig()
+    sources: Annotated[SourcesConfig, _meta("inputs")] = SourcesConfig()
+    motion: Annotated[MotionConfig, _meta("from target to velocity")] = MotionConfig()
+    default_profile: Annotated[str, _meta("profile used when `--profile` names none", None, min_length=1)]
+    profiles: Annotated[
+        dict[str, ProfileConfig], _meta("zone profiles by name", None, min_length=1)
+    ]
+
+    def __post_init__(self) -> None:
+        if self.default_profile not in self.profiles:
+            raise ValueError(
+                f"`default_profile` names '{self.default_profile}', which is not among `profiles`: "
+                + ", ".join(self.profiles)
+            )
+        both = sorted(set(self.joints.locked) & set(self.joints.fixed))
+        if both:
+            raise ValueError(f"`joints.locked` and `joints.fixed` both name {both[0]}")
+        names = [ring.name for ring in self.rings]
+        if len(set(names)) != len(names):
+            raise ValueError("`rings` must have different names")
+        if not self.rings and self.sources.ranges.required:
+            raise ValueError("`sources.ranges.required` is true but the file has no `rings`")
+        if not self.rings and self.motion.controller == "field3d":
+            raise ValueError("`motion.controller` is 'field3d', which needs `rings`")
+        if not (self.sources.ranges.required or self.sources.obstacles.required):
+            raise ValueError(
+                "at least one of `sources.ranges.required` and `sources.obstacles.required` must be true"
+            )
+
+
+class RobotConfig(Struct, frozen=True, kw_only=True):
+    """A robot file with the place it came from."""
+
+    name: str
+    path: str
+    file: RobotFile = field()
+
+    def to_builtins(self) -> dict[str, Any]:
+        """Return the configuration in force as plain values, for messages and reports."""
+        return {"name": self.name, **msgspec.to_builtins(self.file)}
