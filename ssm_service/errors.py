@@ -1,11 +1,11 @@
 """One tree of errors; each carries its data as attributes.
 
-    SsmError
-    ├── ConfigError         a file that a person wrote is wrong: file, key, found, allowed
-    ├── InputError          a value that arrived is wrong: cause, where, found, allowed
-    └── ServiceError        the network or the machine did not do what was asked
-        ├── NoServiceError      nobody answered
-        └── DuplicateServiceError   somebody else already serves this robot name
+SsmError
+├── ConfigError         a file that a person wrote is wrong: file, key, found, allowed
+├── InputError          a value that arrived is wrong: cause, where, found, allowed
+└── ServiceError        the network or the machine did not do what was asked
+    ├── NoServiceError      nobody answered
+    └── DuplicateServiceError   somebody else already serves this robot name
 """
 
 from __future__ import annotations
@@ -70,6 +70,8 @@ class DuplicateServiceError(ServiceError):
 
 def shown(value: object, limit: int = 120) -> str:
     """Return ``repr(value)``, cut to ``limit`` characters, for use in an error."""
+    if isinstance(value, bool):
+        return "true" if value else "false"  # as TOML and JSON write them
     text = repr(value) if isinstance(value, str) else str(value)
     return text if len(text) <= limit else text[: limit - 1] + "…"
 

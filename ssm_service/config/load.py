@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import math
+import os
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 from msgspec import inspect
 
-from ..errors import ConfigError, listed, shown, suggestion
+from ..errors import ConfigError, listed, suggestion
+from .check import DocumentCheck, refuse_huge_integers
+from .describe import Phrase, Place
 from .schema import RobotConfig, RobotFile
 
 T = TypeVar("T")
@@ -39,7 +40,7 @@ def load_robot_config(name_or_path: str | Path) -> RobotConfig:
     """
     path = _find(name_or_path)
     file = load_toml(path, RobotFile)
-    return RobotConfig(name=path.stem, path=str(path), file=file)
+    return RobotConfig(name=path.stem, path=str(path.resolve()), file=file)
 
 
 def load_toml(path: Path, kind: type[T]) -> T:
@@ -48,95 +49,61 @@ def load_toml(path: Path, kind: type[T]) -> T:
     Raises:
         ConfigError: As for ``load_robot_config``.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(path, "", str(error), "a readable TOML file in UTF-8") from error
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(path, "", str(error), "valid TOML") from error
-    _refuse_non_finite(path, document)
-    _refuse_unknown_keys(path, document, inspect.type_info(kind), "")
+    document = _parsed(path, _text(path))
+    info = inspect.type_info(kind)
+    if not document and isinstance(info, inspect.StructType):
+        required = [field.encode_name for field in info.fields if field.required]
+        if required:
+            raise ConfigError(path, "", Phrase("no keys at all"), f"at least the keys {listed(required)}")
+    DocumentCheck(path).check(document, info, Place())
     try:
         return msgspec.convert(document, kind, strict=True)
-    except msgspec.ValidationError as error:
-        raise _explained(path, document, str(error)) from error
+    except msgspec.ValidationError as error:  # what the check above does not know, in msgspec's own words
+        what, _, place = str(error).partition(" - at `$")
+        raise ConfigError(path, place.strip("`."), Phrase("another value"), what) from error
 
 
 def _find(name_or_path: str | Path) -> Path:
     text = str(name_or_path)
     path = Path(text)
     if path.suffix == ".toml" or "/" in text:
-        if not path.is_file():
-            raise ConfigError(text, "", "no such file", f"an existing robot file, or a name: {listed(robot_names())}")
-        return path.resolve()
+        if not os.path.exists(path):  # unlike Path.exists, never raises, however odd the path
+            names = f"an existing robot file, or a name: {listed(robot_names())}"
+            raise ConfigError(text, "", Phrase("no such file"), names)
+        return path
     if text not in robot_names():
-        raise ConfigError(
-            "--robot",
-            "",
-            text,
-            f"{suggestion(text, robot_names())}a name ({listed(robot_names())}) or the path of a .toml file",
-        )
+        allowed = f"a name ({listed(robot_names())}) or the path of a .toml file"
+        raise ConfigError("--robot", "", text, suggestion(text, robot_names()) + allowed)
     return robots_directory() / f"{text}.toml"
 
 
-def _refuse_non_finite(path: Path, document: dict[str, Any]) -> None:
-    for key, value in _leaves(document, ""):
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(path, key, value, "a finite number")
+def _text(path: Path) -> str:
+    """Read a file as UTF-8; a byte-order mark, which some editors write, is skipped."""
+    try:
+        data = path.read_bytes()
+    except IsADirectoryError as error:
+        raise ConfigError(path, "", Phrase("a folder"), "a TOML file") from error
+    except OSError as error:
+        raise ConfigError(path, "", Phrase(error.strerror or str(error)), "a readable TOML file") from error
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        found = Phrase(f"byte 0x{data[error.start]:02x} at line {line}, which is no UTF-8")
+        raise ConfigError(path, "", found, "a TOML file in UTF-8") from error
 
 
-def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for name, inner in value.items():
-            yield from _leaves(inner, f"{key}.{name}" if key else name)
-    elif isinstance(value, list):
-        for index, inner in enumerate(value):
-            yield from _leaves(inner, f"{key}[{index}]")
-    else:
-        yield key, value
-
-
-def _refuse_unknown_keys(path: Path, value: Any, kind: inspect.Type, key: str) -> None:
-    if isinstance(kind, inspect.Metadata):
-        _refuse_unknown_keys(path, value, kind.type, key)
-    elif isinstance(kind, inspect.UnionType):
-        for option in kind.types:
-            if isinstance(option, inspect.StructType | inspect.ListType | inspect.DictType):
-                _refuse_unknown_keys(path, value, option, key)
-    elif isinstance(kind, inspect.StructType) and isinstance(value, dict):
-        fields = {field.encode_name: field.type for field in kind.fields}
-        for name, inner in value.items():
-            place = f"{key}.{name}" if key else name
-            if name not in fields:
-                allowed = f"{suggestion(name, fields)}the keys here are {listed(fields)}"
-                raise ConfigError(path, place, f"unknown key '{name}'", allowed)
-            _refuse_unknown_keys(path, inner, fields[name], place)
-    elif isinstance(kind, inspect.ListType) and isinstance(value, list):
-        for index, inner in enumerate(value):
-            _refuse_unknown_keys(path, inner, kind.item_type, f"{key}[{index}]")
-    elif isinstance(kind, inspect.DictType) and isinstance(value, dict):
-        for name, inner in value.items():
-            _refuse_unknown_keys(path, inner, kind.value_type, f"{key}.{name}")
-
-
-def _explained(path: Path, document: dict[str, Any], message: str) -> ConfigError:
-    """Turn msgspec's message into one that also shows the value that stands there."""
-    match = re.fullmatch(r"(?P<what>.*?)(?: - at `(?:key in )?\$(?P<path>.*)`)?", message, flags=re.DOTALL)
-    what, place = (match["what"], match["path"] or "") if match else (message, "")
-    key = place.lstrip(".")
-    return ConfigError(path, key, shown(_value_at(document, key)), what.replace("Expected ", ""))
-
-
-def _value_at(document: Any, key: str) -> Any:
-    """Follow a msgspec path; ``[...]`` stands for some entry of a mapping, which it does not name."""
-    value = document
-    for step in re.findall(r"[^.\[\]]+|\[\d+\]|\[\.\.\.\]", key):
-        try:
-            if step == "...":
-                return value
-            value = value[int(step)] if isinstance(value, list) else value[step]
-        except (KeyError, IndexError, TypeError, ValueError):
-            return "nothing" if isinstance(value, dict) else value
-    return "this table" if isinstance(value, dict) else value
+def _parsed(path: Path, text: str) -> dict[str, Any]:
+    try:
+        document = tomllib.loads(text)
+        refuse_huge_integers(path, document)
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r"at line (\d+)", str(error))
+        lines = text.splitlines()
+        line = lines[int(place[1]) - 1].strip() if place and int(place[1]) <= len(lines) else ""
+        found = f"{error}: {line}" if line else str(error)
+        raise ConfigError(path, "", Phrase(found), "valid TOML, in which a key stands only once") from error
+    except (ValueError, RecursionError) as error:  # an integer of thousands of digits, thousands of brackets
+        found = str(error).partition(";")[0]
+        raise ConfigError(path, "", Phrase(found), "TOML with values of sane size") from error
+    return document

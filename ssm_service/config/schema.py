@@ -18,15 +18,16 @@ def _meta(meaning: str, unit: str | None = None, **bounds: Any) -> Meta:
     return Meta(description=meaning, extra={"unit": unit or "–"}, **bounds)
 
 
-Vector3 = tuple[float, float, float]
+Coordinate = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
+Vector3 = tuple[Coordinate, Coordinate, Coordinate]
 
 
 class Section(Struct, frozen=True, forbid_unknown_fields=True):
     """Base of every table in a robot file: frozen, no unknown keys."""
 
 
-class JointsConfig(Section, kw_only=True):
-    """Which joints do not move. Joints named nowhere are free."""
+class JointsConfig(Section, frozen=True, kw_only=True):
+    """Which joints do not move. Joints named nowhere are free; none may be named in both tables."""
 
     locked: Annotated[
         dict[str, float],
@@ -46,23 +47,23 @@ class JointsConfig(Section, kw_only=True):
     ] = {}
 
 
-class SimulatedSensorConfig(Section, kw_only=True):
+class SimulatedSensorConfig(Section, frozen=True, kw_only=True):
     """How the simulated sensors of a ring err. Everything is off by default."""
 
     noise_std_m: Annotated[float, _meta("standard deviation of Gaussian noise", "m", ge=0.0, le=1.0)] = 0.0
     bias_m: Annotated[float, _meta("constant offset of every reading", "m", ge=-1.0, le=1.0)] = 0.0
     resolution_m: Annotated[float, _meta("quantisation step; 0 is none", "m", ge=0.0, le=0.1)] = 0.0
-    dropout_probability: Annotated[
-        float, _meta("chance that an echo is lost", None, ge=0.0, le=1.0)
-    ] = 0.0
+    dropout_probability: Annotated[float, _meta("chance that an echo is lost", None, ge=0.0, le=1.0)] = 0.0
     latency_s: Annotated[float, _meta("delay from measurement to message", "s", ge=0.0, le=1.0)] = 0.0
 
 
-class RingConfig(Section, kw_only=True):
-    """One ring of range sensors round a link, evenly spaced, looking outwards."""
+class RingConfig(Section, frozen=True, kw_only=True):
+    """One ring of range sensors round a link, evenly spaced, looking outwards; a file may hold several."""
 
     name: Annotated[str, _meta("name of the ring", None, min_length=1)]
-    parent_frame: Annotated[str, _meta("URDF link (or other frame) that carries the ring", None, min_length=1)]
+    parent_frame: Annotated[
+        str, _meta("URDF link (or other frame) that carries the ring", None, min_length=1)
+    ]
     origin_m: Annotated[Vector3, _meta("centre of the ring in the parent frame", "m")]
     axis: Annotated[Vector3, _meta("the ring's axis in the parent frame; need not be of unit length")] = (
         0.0,
@@ -74,14 +75,18 @@ class RingConfig(Section, kw_only=True):
     ] = (1.0, 0.0, 0.0)
     count: Annotated[int, _meta("number of sensors, evenly spaced about the axis", None, ge=1, le=64)]
     radius_m: Annotated[
-        float, _meta("distance of the sensors from the axis: the radius of the link there", "m", gt=0.0, le=2.0)
+        float,
+        _meta("distance of the sensors from the axis: the radius of the link there", "m", gt=0.0, le=2.0),
     ]
     field_of_view_deg: Annotated[
         float, _meta("full opening angle of one sensor's cone", "deg", gt=0.0, lt=180.0)
     ]
-    range_min_m: Annotated[float, _meta("least distance that the device resolves", "m", ge=0.0)] = 0.0
+    range_min_m: Annotated[float, _meta("least distance that the device resolves", "m", ge=0.0, le=100.0)] = (
+        0.0
+    )
     range_max_m: Annotated[
-        float, _meta("greatest distance that the device reports; beyond it there is no echo", "m", gt=0.0, le=100.0)
+        float,
+        _meta("greatest distance that the device reports; beyond it there is no echo", "m", gt=0.0, le=100.0),
     ]
     period_s: Annotated[float, _meta("time of one scan of all sensors", "s", gt=0.0, le=10.0)]
     accuracy_m: Annotated[
@@ -102,34 +107,42 @@ class RingConfig(Section, kw_only=True):
             raise ValueError("`first_direction` must be perpendicular to `axis`")
 
 
-class LimitsConfig(Section, kw_only=True):
-    """Limits beside those of the URDF. The smaller of two limits holds."""
+class LimitsConfig(Section, frozen=True, kw_only=True):
+    """Limits beside those of the URDF: the smaller of two limits holds."""
 
     velocity_rad_s: Annotated[
-        dict[str, float], _meta("joint speed limits by joint, below or in place of the URDF's", "rad/s or m/s")
+        dict[str, Annotated[float, Meta(gt=0.0, le=100.0)]],
+        _meta("joint speed limits by joint, below or in place of the URDF's", "rad/s or m/s"),
     ] = {}
     acceleration_rad_s2: Annotated[
-        float, _meta("how fast a commanded joint may speed up; slowing down is never delayed", "rad/s²", gt=0.0, le=1000.0)
+        float,
+        _meta(
+            "how fast a commanded joint may speed up; slowing down is never delayed",
+            "rad/s²",
+            gt=0.0,
+            le=1000.0,
+        ),
     ] = 4.0
     position_margin_rad: Annotated[
         float, _meta("distance that is kept from each joint's position limits", "rad or m", ge=0.0, le=1.0)
     ] = 0.02
 
 
-class SourceConfig(Section, kw_only=True):
-    """One input of the monitor."""
+class SourceConfig(Section, frozen=True, kw_only=True):
+    """Whether one input must be there, and how old it may be."""
 
     required: Annotated[
         bool,
         _meta(
-            "true: `stop` until it has arrived. false: it may be absent; once it has been seen it must stay fresh"
+            "true: `stop` until it has arrived; "
+            "false: it may be absent, but once it has been seen it must stay fresh"
         ),
     ]
     timeout_s: Annotated[float, _meta("age beyond which the source is stale", "s", gt=0.0, le=10.0)]
 
 
-class SourcesConfig(Section, kw_only=True):
-    """The inputs of the monitor."""
+class SourcesConfig(Section, frozen=True, kw_only=True):
+    """The inputs of the monitor. Ranges, obstacles or both must be required."""
 
     joints: Annotated[SourceConfig, _meta("joint positions and velocities; always required")] = SourceConfig(
         required=True, timeout_s=0.1
@@ -151,46 +164,54 @@ class SourcesConfig(Section, kw_only=True):
             raise ValueError("`target.required` must be false: a missing target only zeroes the command")
 
 
-class MotionConfig(Section, kw_only=True):
+class MotionConfig(Section, frozen=True, kw_only=True):
     """How targets become joint velocities ([Kang2022] 11–16, Algorithm 1; SCIENCE 6)."""
 
     controller: Annotated[
         Literal["field", "field3d"],
-        _meta("for `position` targets: the conventional potential field, or the 3-D field of the sensor ring"),
+        _meta(
+            "for `position` targets: the conventional potential field, or the 3-D field of the sensor ring"
+        ),
     ] = "field"
     speed_m_s: Annotated[
         float, _meta("speed of the end effector under a `position` target", "m/s", gt=0.0, le=5.0)
     ] = 0.1
-    attractive_gain: Annotated[float, _meta("ξ of the attractive field", "1/s²", gt=0.0)] = 1.0
-    repulsive_gain: Annotated[float, _meta("η of the repulsive field", "m⁴/s²", ge=0.0)] = 0.002
+    attractive_gain: Annotated[float, _meta("ξ of the attractive field", "1/s²", gt=0.0, le=1e6)] = 1.0
+    repulsive_gain: Annotated[float, _meta("η of the repulsive field", "m⁴/s²", ge=0.0, le=1e6)] = 0.002
     influence_distance_m: Annotated[
         float, _meta("ρ0: obstacles beyond this distance do not repel", "m", gt=0.0, le=10.0)
     ] = 0.3
     approach_gain: Annotated[
-        float, _meta("the end effector slows to this times its distance from the goal", "1/s", gt=0.0, le=100.0)
+        float,
+        _meta("the end effector slows to this times its distance from the goal", "1/s", gt=0.0, le=100.0),
     ] = 2.0
     arrival_tolerance_m: Annotated[
         float, _meta("the goal counts as reached within this distance", "m", gt=0.0, le=0.1)
     ] = 0.001
     singular_value_threshold: Annotated[
-        float, _meta("damping begins where the Jacobian's least singular value is below this", "m/rad", gt=0.0, le=1.0)
+        float,
+        _meta(
+            "damping begins where the Jacobian's least singular value is below this", "m/rad", gt=0.0, le=1.0
+        ),
     ] = 0.02
     max_damping: Annotated[
         float, _meta("greatest damping λ, at a singular configuration", "m/rad", gt=0.0, le=1.0)
     ] = 0.05
 
 
-class ZoneConfig(Section, kw_only=True):
-    """One zone that slows the robot."""
+class ZoneConfig(Section, frozen=True, kw_only=True):
+    """One zone that slows the robot. Red is nearer than yellow and never faster."""
 
-    distance_m: Annotated[float, _meta("the zone holds up to and including this distance", "m", gt=0.0, le=100.0)]
+    distance_m: Annotated[
+        float, _meta("the zone holds up to and including this distance", "m", gt=0.0, le=100.0)
+    ]
     joint_speed_rad_s: Annotated[
         float, _meta("speed limit of every joint in this zone", "rad/s or m/s", gt=0.0, le=100.0)
     ]
     speed_scaling: Annotated[float, _meta("speed scaling told to consumers", None, gt=0.0, le=1.0)]
 
 
-class ProfileConfig(Section, kw_only=True):
+class ProfileConfig(Section, frozen=True, kw_only=True):
     """A zone profile: distance to zone, zone to joint speed ([Kang2022] II-B-1)."""
 
     red: Annotated[ZoneConfig, _meta("the nearer zone")]
@@ -207,13 +228,14 @@ class ProfileConfig(Section, kw_only=True):
             raise ValueError("`red.distance_m` must be below `yellow.distance_m`")
 
 
-class RobotFile(Section, kw_only=True):
-    """A robot file as written, validated on its own."""
+class RobotFile(Section, frozen=True, kw_only=True):
+    """What the robot is and what is monitored; these keys stand before the first table of the file."""
 
     urdf: Annotated[
         str,
         _meta(
-            "path of the URDF, relative to this file, or `example-robot-data:PATH` for one of that package's robots",
+            "path of the URDF, relative to this file, "
+            "or `example-robot-data:PATH` for one of that package's robots",
             None,
             min_length=1,
         ),
@@ -238,9 +260,7 @@ class RobotFile(Section, kw_only=True):
     sources: Annotated[SourcesConfig, _meta("inputs")] = SourcesConfig()
     motion: Annotated[MotionConfig, _meta("from target to velocity")] = MotionConfig()
     default_profile: Annotated[str, _meta("profile used when `--profile` names none", None, min_length=1)]
-    profiles: Annotated[
-        dict[str, ProfileConfig], _meta("zone profiles by name", None, min_length=1)
-    ]
+    profiles: Annotated[dict[str, ProfileConfig], _meta("zone profiles by name", None, min_length=1)]
 
     def __post_init__(self) -> None:
         if self.default_profile not in self.profiles:
