@@ -1,0 +1,39 @@
+"""Joints, readings, obstacles and a target in; one zone, one set of limits and one command out."""
+
+from .decision import Decision, Nearest, SourceReport
+from .evaluate import EvaluatedPair, Evaluation, EvaluationInput, Evaluator
+from .inputs import (
+    SUPPORTED_TARGET_KINDS,
+    TARGET_KINDS,
+    Inputs,
+    JointSample,
+    Received,
+    Target,
+    checked_target,
+    joint_sample,
+    range_scan,
+)
+from .monitor import SOURCES, Monitor, default_valid_for, zone_profile
+
+__all__ = [
+    "SOURCES",
+    "SUPPORTED_TARGET_KINDS",
+    "TARGET_KINDS",
+    "Decision",
+    "EvaluatedPair",
+    "Evaluation",
+    "EvaluationInput",
+    "Evaluator",
+    "Inputs",
+    "JointSample",
+    "Monitor",
+    "Nearest",
+    "Received",
+    "SourceReport",
+    "Target",
+    "checked_target",
+    "default_valid_for",
+    "joint_sample",
+    "range_scan",
+    "zone_profile",
+]

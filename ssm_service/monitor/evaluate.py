@@ -1,0 +1,190 @@
+"""One snapshot, every pair exact: what would the service say?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import SourcesConfig
+from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Robot
+from ..motion import limit_velocity
+from ..perception import RingEstimates, estimate
+from ..safety import SourceState, SourceStatus, Zone, ZoneProfile
+from .assess import Assessment, assess, nearest_by_obstacles, nearest_by_rings
+from .command import wanted_velocity
+from .inputs import JointSample, Target
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvaluationInput:
+    """One question; a source that is ``None`` counts as not configured.
+
+    Attributes:
+        joints: Joint state.
+        velocity_known: Whether ``joints.velocity`` was given, not assumed to be 0.
+        ranges: (m,), [m], ``inf`` for no echo.
+        obstacles: Obstacles; an empty tuple means 'seen, and nothing there'.
+        target: Wanted motion.
+    """
+
+    joints: JointSample
+    velocity_known: bool = False
+    ranges: NDArray[np.float64] | None = None
+    obstacles: tuple[Obstacle, ...] | None = None
+    target: Target | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvaluatedPair:
+    """A link and an obstacle.
+
+    Attributes:
+        pair: Exact distance, points and normal.
+        closing_speed: [m/s] of the link's nearest point towards the obstacle, negative in retreat; ``None``
+            where the joint velocities are not known.
+    """
+
+    pair: ClosestPair
+    closing_speed: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evaluation:
+    """What the service would say: the zone of this snapshot alone, without recovery.
+
+    Attributes:
+        zone: The zone.
+        distance: [m] the least over the sources given; ``None`` where nothing was seen.
+        speed_limit: (n,), [rad/s].
+        speed_scaling: 0 to 1.
+        reasons: Fixed words.
+        pairs: Every monitored link with every obstacle.
+        estimates: The estimates of the ring that is nearest to something; ``None`` without readings.
+        kinematics: Frames and Jacobians.
+        velocity: (n,), [rad/s], the command at steady state, that is without the acceleration limit; ``None``
+            without a target.
+    """
+
+    zone: Zone
+    distance: float | None
+    speed_limit: NDArray[np.float64]
+    speed_scaling: float
+    reasons: tuple[str, ...]
+    pairs: tuple[EvaluatedPair, ...]
+    estimates: RingEstimates | None
+    kinematics: Kinematics
+    velocity: NDArray[np.float64] | None
+
+
+class Evaluator:
+    """Answers questions about one robot under one profile; keeps nothing between them.
+
+    Args:
+        robot: The robot.
+        profile: The zone profile.
+    """
+
+    def __init__(self, robot: Robot, profile: ZoneProfile) -> None:
+        self._robot = robot
+        self._profile = profile
+        self._distance = DistanceModel(robot)
+
+    def evaluate(self, question: EvaluationInput) -> Evaluation:
+        """Answer one question."""
+        robot, profile = self._robot, self._profile
+        kinematics = robot.kinematics(question.joints.position)
+        pairs = self._pairs(question)
+        closest = min((entry.pair for entry in pairs), key=lambda pair: pair.distance, default=None)
+        seen = [nearest_by_obstacles(closest)]
+        if question.ranges is not None:
+            seen.append(nearest_by_rings(robot, kinematics, question.ranges))
+        now = assess(
+            profile,
+            robot.config.file.sources,
+            self._statuses(question, robot.config.file.sources),
+            [thing for thing in seen if thing is not None],
+        )
+        speed = profile.joint_speed(now.zone)
+        limit = robot.velocity_limit if speed is None else np.minimum(robot.velocity_limit, speed)
+        return Evaluation(
+            zone=now.zone,
+            distance=None if now.nearest is None else now.nearest.distance,
+            speed_limit=limit,
+            speed_scaling=profile.speed_scaling(now.zone),
+            reasons=tuple(now.reasons),
+            pairs=pairs,
+            estimates=self._estimates(question, kinematics),
+            kinematics=kinematics,
+            velocity=self._velocity(question, kinematics, now, limit),
+        )
+
+    def _statuses(self, question: EvaluationInput, sources: SourcesConfig) -> list[SourceStatus]:
+        """Return fresh states for what is given; without any perception, those that the file requires wait."""
+        def status(name: str, state: SourceState) -> SourceStatus:
+            return SourceStatus(name=name, state=state, age_s=0.0 if state is SourceState.FRESH else None)
+
+        given = {"ranges": question.ranges is not None, "obstacles": question.obstacles is not None}
+        statuses = [status("joints", SourceState.FRESH)]
+        statuses += [status(name, SourceState.FRESH) for name, there in given.items() if there]
+        if not any(given.values()):
+            required = [name for name in given if getattr(sources, name).required]
+            statuses += [status(name, SourceState.ABSENT) for name in required]
+        return statuses
+
+    def _pairs(self, question: EvaluationInput) -> tuple[EvaluatedPair, ...]:
+        if question.obstacles is None:
+            return ()
+        self._distance.set_obstacles(question.obstacles)
+        joints = question.joints
+        result = []
+        for pair in self._distance.all_pairs(joints.position):
+            speed = None
+            if question.velocity_known:
+                velocity = self._robot.point_velocity(
+                    joints.position, joints.velocity, pair.link, pair.point_on_link
+                )
+                speed = -float(pair.normal @ velocity)
+            result.append(EvaluatedPair(pair=pair, closing_speed=speed))
+        return tuple(result)
+
+    def _estimates(self, question: EvaluationInput, kinematics: Kinematics) -> RingEstimates | None:
+        if question.ranges is None or not self._robot.rings:
+            return None
+        parts = self._robot.ring_slices
+        index = min(range(len(parts)), key=lambda i: float(np.min(question.ranges[parts[i]])))
+        return estimate(
+            self._robot.rings[index],
+            question.ranges[parts[index]],
+            kinematics.transform_rings_to_base[index],
+        )
+
+    def _velocity(
+        self,
+        question: EvaluationInput,
+        kinematics: Kinematics,
+        now: Assessment,
+        limit: NDArray[np.float64],
+    ) -> NDArray[np.float64] | None:
+        if question.target is None:
+            return None
+        if now.zone is Zone.STOP:
+            return np.zeros(len(limit))
+        robot = self._robot
+        wanted = wanted_velocity(robot, kinematics, question.target, now.nearest, question.ranges)
+        return limit_velocity(
+            wanted,
+            previous=wanted,
+            position=question.joints.position,
+            speed_limit=limit,
+            lower=robot.position_lower,
+            upper=robot.position_upper,
+            margin=robot.config.file.limits.position_margin_rad,
+            acceleration=robot.config.file.limits.acceleration_rad_s2,
+            dt=EVALUATION_PERIOD_S,
+        )
+
+
+EVALUATION_PERIOD_S = 0.002
+"""The tick [s] that an evaluated command is meant for; it only bounds the last step before a joint limit."""

@@ -1,0 +1,212 @@
+"""What one tick is given: values, how old they may be, and whether the newest was refused.
+
+The functions here are the only door for numbers from outside: everything that passes them is finite, has
+the right length and stands in the robot's own order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, listed
+from ..model import Obstacle, Robot
+
+T = TypeVar("T")
+
+TARGET_KINDS = ("joint_velocity", "twist", "position", "pose")
+"""The words that ``Target.kind`` may hold on the wire."""
+
+SUPPORTED_TARGET_KINDS = ("joint_velocity", "twist", "position")
+"""Those of ``TARGET_KINDS`` that a controller exists for."""
+
+POSITION_SLACK = 0.5
+"""How far beyond a joint's limits [rad or m] a measured position may lie before it is refused."""
+
+SPEED_SLACK = 10.0
+"""How many times a joint's speed limit a measured speed may be before it is refused."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointSample:
+    """Measured joint state in the robot's joint order.
+
+    Attributes:
+        position: (n,), [rad or m].
+        velocity: (n,), [rad/s or m/s].
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """The wanted motion.
+
+    Attributes:
+        kind: ``joint_velocity`` (n values, rad/s), ``twist`` (6 values, m/s and rad/s of the end effector in
+            the base frame) or ``position`` (3 values, m, of the end effector in the base frame).
+        value: The values.
+    """
+
+    kind: str
+    value: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Received(Generic[T]):
+    """The newest accepted value of a source.
+
+    Attributes:
+        value: The value; ``None`` while nothing was accepted.
+        age_s: Upper bound of its age [s] by the receiver's monotonic clock; ``None`` with no value.
+        invalid: Whether something refused has arrived since.
+    """
+
+    value: T | None = None
+    age_s: float | None = None
+    invalid: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inputs:
+    """Everything that one tick may know.
+
+    Attributes:
+        joints: Joint state.
+        ranges: Readings (m,) [m] of all rings in file order, ``inf`` for no echo.
+        obstacles: Tracked obstacles; an empty tuple means 'seen, and nothing there'.
+        target: Wanted motion.
+        overrun_s: By how much the tick before overran its period [s]; 0 if it did not.
+        duplicate: Whether another service was heard under the same name.
+    """
+
+    joints: Received[JointSample] = field(default_factory=Received)
+    ranges: Received[NDArray[np.float64]] = field(default_factory=Received)
+    obstacles: Received[tuple[Obstacle, ...]] = field(default_factory=Received)
+    target: Received[Target] = field(default_factory=Received)
+    overrun_s: float = 0.0
+    duplicate: bool = False
+
+
+def joint_sample(
+    robot: Robot,
+    position: Sequence[float],
+    velocity: Sequence[float] | None = None,
+    name: Sequence[str] | None = None,
+) -> JointSample:
+    """Check a joint state and bring it into the robot's order.
+
+    Args:
+        robot: The robot.
+        position: (n,), [rad or m], in the order of ``name``, or of the robot where that is left out.
+        velocity: (n,), [rad/s or m/s]; zeros where left out.
+        name: The n joint names in any order.
+
+    Raises:
+        InputError: ``wrong_length``, ``missing_joint``, ``unknown_joint``, ``repeated_joint``,
+            ``not_finite`` or ``out_of_range``.
+    """
+    count = len(robot.joint_names)
+    order = range(count) if name is None else _order(robot, name)
+    if velocity is None:
+        velocity = (0.0,) * count
+    for where, values in (("position", position), ("velocity", velocity)):
+        if len(values) != count:
+            raise InputError("wrong_length", where, f"{len(values)} values", f"{count} values")
+        if not all(map(math.isfinite, values)):
+            raise InputError("not_finite", where, values, "finite numbers")
+    in_order = np.array([position[i] for i in order], dtype=np.float64)
+    speeds = np.array([velocity[i] for i in order], dtype=np.float64)
+    _check_within(robot, in_order, speeds)
+    return JointSample(position=in_order, velocity=speeds)
+
+
+def _order(robot: Robot, name: Sequence[str]) -> list[int]:
+    place = {joint: index for index, joint in enumerate(name)}
+    if len(place) != len(name):
+        twice = next(joint for joint in name if list(name).count(joint) > 1)
+        raise InputError("repeated_joint", "name", twice, "each joint once")
+    for joint in name:
+        if joint not in robot.joint_names:
+            raise InputError("unknown_joint", "name", joint, listed(robot.joint_names))
+    for joint in robot.joint_names:
+        if joint not in place:
+            raise InputError("missing_joint", "name", f"no '{joint}'", f"all of {listed(robot.joint_names)}")
+    return [place[joint] for joint in robot.joint_names]
+
+
+def _check_within(robot: Robot, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
+    for index, joint in enumerate(robot.joint_names):
+        low = robot.position_lower[index] - POSITION_SLACK
+        high = robot.position_upper[index] + POSITION_SLACK
+        if not low <= position[index] <= high:
+            raise InputError(
+                "out_of_range", f"position of {joint}", float(position[index]), f"{low:.3f} to {high:.3f}"
+            )
+        fastest = SPEED_SLACK * robot.velocity_limit[index]
+        if not -fastest <= velocity[index] <= fastest:
+            raise InputError(
+                "out_of_range", f"velocity of {joint}", float(velocity[index]), f"±{fastest:.3f}"
+            )
+
+
+def range_scan(robot: Robot, ranges: Sequence[float | None]) -> NDArray[np.float64]:
+    """Check one scan of all rings.
+
+    Args:
+        robot: The robot.
+        ranges: (m,), [m], in the order of the file's rings and sensors; ``None`` is no echo.
+
+    Returns:
+        (m,), [m], with ``inf`` for no echo.
+
+    Raises:
+        InputError: ``wrong_length``, ``not_finite`` or ``out_of_range`` (a driver's −1 is out of range: it
+            must be sent as ``null``).
+    """
+    if len(ranges) != robot.sensor_count:
+        raise InputError("wrong_length", "ranges", f"{len(ranges)} values", f"{robot.sensor_count} values")
+    scan = np.empty(len(ranges))
+    index = 0
+    for ring in robot.rings:
+        for _ in range(ring.count):
+            reading = ranges[index]
+            if reading is None:
+                scan[index] = math.inf
+            elif not math.isfinite(reading):
+                raise InputError("not_finite", f"ranges[{index}]", reading, "a finite number or null")
+            elif not 0.0 <= reading <= ring.range_max:
+                allowed = f"0 to {ring.range_max} m, or null for no echo"
+                raise InputError("out_of_range", f"ranges[{index}]", reading, allowed)
+            else:
+                scan[index] = reading
+            index += 1
+    return scan
+
+
+def checked_target(robot: Robot, kind: str, value: Sequence[float]) -> Target:
+    """Check a target.
+
+    Raises:
+        InputError: ``unsupported_kind``, ``wrong_length``, ``not_finite`` or ``out_of_range``.
+    """
+    if kind not in SUPPORTED_TARGET_KINDS:
+        raise InputError("unsupported_kind", "target.kind", kind, listed(SUPPORTED_TARGET_KINDS))
+    length = {"joint_velocity": len(robot.joint_names), "twist": 6, "position": 3}[kind]
+    if len(value) != length:
+        raise InputError("wrong_length", "target.value", f"{len(value)} values", f"{length} values for {kind}")
+    if not all(map(math.isfinite, value)):
+        raise InputError("not_finite", "target.value", value, "finite numbers")
+    if any(abs(number) > 1000.0 for number in value):
+        raise InputError("out_of_range", "target.value", value, "±1000")
+    if kind == "twist" and len(robot.free) < 6 and any(value[3:]):
+        allowed = f"zeros: {len(robot.free)} free joints cannot hold an orientation"
+        raise InputError("out_of_range", "target.value[3:6]", list(value[3:]), allowed)
+    return Target(kind=kind, value=np.array(value, dtype=np.float64))

@@ -1,0 +1,191 @@
+"""The monitor: one tick, values in, one decision out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import ProfileConfig
+from ..errors import ConfigError, listed, suggestion
+from ..model import DistanceModel, Kinematics, Obstacle, Robot
+from ..motion import limit_velocity
+from ..safety import SourceState, SourceStatus, Zone, ZoneMachine, ZoneProfile, classify
+from .assess import Assessment, assess, nearest_by_obstacles, nearest_by_rings
+from .command import wanted_velocity
+from .decision import Decision, Nearest
+from .evaluate import Evaluation, EvaluationInput, Evaluator
+from .inputs import Inputs
+
+SOURCES = ("joints", "ranges", "obstacles", "target")
+
+
+def zone_profile(robot: Robot, name: str | None) -> ZoneProfile:
+    """Return a robot's profile by name; the file's default where ``name`` is ``None``.
+
+    Raises:
+        ConfigError: There is no profile of that name.
+    """
+    file = robot.config.file
+    chosen = file.default_profile if name is None else name
+    config: ProfileConfig | None = file.profiles.get(chosen)
+    if config is None:
+        allowed = f"{suggestion(chosen, file.profiles)}the profiles here are {listed(file.profiles)}"
+        raise ConfigError(robot.config.path, "profiles", chosen, allowed)
+    return ZoneProfile(name=chosen, config=config)
+
+
+def default_valid_for(period_s: float) -> float:
+    """Return for how long a decision may be acted on [s]: the greater of 20 ms and three periods."""
+    return max(0.020, 3.0 * period_s)
+
+
+class Monitor:
+    """Inputs and their ages in, one decision out: no clock, no network, no file.
+
+    The same sequence of inputs gives the same sequence of decisions, bit for bit. Between ticks it keeps
+    only the zone in force (for slow recovery) and the last command (for the acceleration limit).
+
+    Args:
+        robot: The robot.
+        profile: Name of a zone profile in the robot file; its default where left out.
+        period_s: Time from tick to tick [s].
+
+    Raises:
+        ConfigError: There is no profile of that name.
+    """
+
+    def __init__(self, robot: Robot, *, profile: str | None = None, period_s: float = 0.002) -> None:
+        self.robot = robot
+        self.profile = zone_profile(robot, profile)
+        self.period_s = period_s
+        self.valid_for_s = default_valid_for(period_s)
+        self._machine = ZoneMachine(self.profile.config.recovery_ticks)
+        self._distance = DistanceModel(robot)
+        self._obstacles: tuple[Obstacle, ...] = ()
+        self._evaluator: Evaluator | None = None
+        self._velocity = np.zeros(len(robot.joint_names))
+        self._tick = 0
+
+    def step(self, inputs: Inputs) -> Decision:
+        """Decide one tick.
+
+        Args:
+            inputs: What is known now. ``obstacles.value`` is compared by identity with the last tick's: pass
+                the same tuple again while nothing new has arrived.
+
+        Returns:
+            Zone, limits and command, all of this snapshot.
+        """
+        self._tick += 1
+        statuses = {name: self._status(name, inputs) for name in SOURCES}
+        kinematics, seen = self._perceive(inputs, statuses)
+        sources = self.robot.config.file.sources
+        now = assess(self.profile, sources, tuple(statuses.values()), seen)
+        momentary = self._beside_perception(now, inputs)
+        zone = self._machine.step(momentary)
+        if zone > momentary:
+            now.reasons.append("recovering")
+        limit = zone_speed_limit(self.robot, self.profile, zone)
+        velocity = self._command(inputs, statuses["target"], kinematics, now, limit, zone)
+        return Decision(
+            tick=self._tick,
+            zone=zone,
+            momentary_zone=momentary,
+            distance=None if now.nearest is None else now.nearest.distance,
+            nearest=now.nearest,
+            sources=now.sources,
+            speed_limit=limit,
+            speed_scaling=self.profile.speed_scaling(zone),
+            velocity=velocity,
+            reasons=tuple(now.reasons),
+            position=None if kinematics is None or inputs.joints.value is None else inputs.joints.value.position,
+        )
+
+    def evaluate(self, question: EvaluationInput) -> Evaluation:
+        """Answer what the service would say to one snapshot, without touching the monitor's own state.
+
+        Raises:
+            InputError: The question has values that no service would accept.
+        """
+        if self._evaluator is None:
+            self._evaluator = Evaluator(self.robot, self.profile)
+        return self._evaluator.evaluate(question)
+
+    def _status(self, name: str, inputs: Inputs) -> SourceStatus:
+        received = getattr(inputs, name)
+        config = getattr(self.robot.config.file.sources, name)
+        age = None if received.value is None else received.age_s
+        return classify(name, config, age_s=age, invalid=received.invalid)
+
+    def _perceive(
+        self, inputs: Inputs, statuses: dict[str, SourceStatus]
+    ) -> tuple[Kinematics | None, list[Nearest]]:
+        """Return the frames now and what each fresh source sees; nothing without fresh joints."""
+        fresh = {name for name, status in statuses.items() if status.state is SourceState.FRESH}
+        if "joints" not in fresh or inputs.joints.value is None:
+            return None, []
+        position = inputs.joints.value.position
+        kinematics = self.robot.kinematics(position)
+        seen: list[Nearest | None] = []
+        if "ranges" in fresh and inputs.ranges.value is not None:
+            seen.append(nearest_by_rings(self.robot, kinematics, inputs.ranges.value))
+        if "obstacles" in fresh and inputs.obstacles.value is not None:
+            if inputs.obstacles.value is not self._obstacles:
+                self._distance.set_obstacles(inputs.obstacles.value)
+                self._obstacles = inputs.obstacles.value
+            seen.append(nearest_by_obstacles(self._distance.nearest(position)))
+        return kinematics, [thing for thing in seen if thing is not None]
+
+    def _beside_perception(self, now: Assessment, inputs: Inputs) -> Zone:
+        """Return the zone after what is no perception: late ticks and a second service.
+
+        A tick that came late was still within ``valid_for_s`` at every consumer, so it makes the zone at least
+        yellow; one that came later than that has already stopped them, and the zone says the same.
+        """
+        zone = now.zone
+        if inputs.duplicate:
+            now.reasons.append("duplicate:service")
+            zone = Zone.STOP
+        if inputs.overrun_s > 0.0:
+            now.reasons.append("overrun")
+            zone = max(zone, Zone.STOP if inputs.overrun_s > self.valid_for_s else Zone.YELLOW)
+        return zone
+
+    def _command(
+        self,
+        inputs: Inputs,
+        target: SourceStatus,
+        kinematics: Kinematics | None,
+        now: Assessment,
+        limit: NDArray[np.float64],
+        zone: Zone,
+    ) -> NDArray[np.float64]:
+        wanted = np.zeros(len(limit))
+        if target.reason is not None:
+            now.reasons.append(target.reason)
+        elif kinematics is not None and inputs.target.value is not None and zone is not Zone.STOP:
+            ranges = inputs.ranges.value if now.sources["ranges"].status.state is SourceState.FRESH else None
+            wanted = wanted_velocity(self.robot, kinematics, inputs.target.value, now.nearest, ranges)
+        if zone is Zone.STOP or kinematics is None or inputs.joints.value is None:
+            self._velocity = np.zeros(len(limit))
+        else:
+            self._velocity = limit_velocity(
+                wanted,
+                previous=self._velocity,
+                position=inputs.joints.value.position,
+                speed_limit=limit,
+                lower=self.robot.position_lower,
+                upper=self.robot.position_upper,
+                margin=self.robot.config.file.limits.position_margin_rad,
+                acceleration=self.robot.config.file.limits.acceleration_rad_s2,
+                dt=self.period_s,
+            )
+        return self._velocity
+
+
+def zone_speed_limit(robot: Robot, profile: ZoneProfile, zone: Zone) -> NDArray[np.float64]:
+    """Return each joint's speed limit in a zone, (n,), [rad/s]: never above the joint's own."""
+    speed = profile.joint_speed(zone)
+    if speed is None:
+        return robot.velocity_limit.copy()
+    return np.minimum(robot.velocity_limit, speed)

@@ -1,0 +1,34 @@
+"""Messages, keys, and the strict passage between bytes and values."""
+
+from .convert import (
+    VALUES,
+    command_message,
+    evaluate_message,
+    frames_message,
+    obstacles_from,
+    optional_readings,
+    question_from,
+    zone_message,
+)
+from .decode import Decoder, all_finite
+from .gate import ProducerGate
+from .keys import Keys, robot_of
+from .messages import encoding_of, json_schemas
+
+__all__ = [
+    "VALUES",
+    "Decoder",
+    "Keys",
+    "ProducerGate",
+    "all_finite",
+    "command_message",
+    "encoding_of",
+    "evaluate_message",
+    "frames_message",
+    "json_schemas",
+    "obstacles_from",
+    "optional_readings",
+    "question_from",
+    "robot_of",
+    "zone_message",
+]

@@ -1,0 +1,79 @@
+"""From bytes to messages, or one clear refusal."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Generic, TypeVar
+
+import msgspec
+
+from ..errors import InputError
+from .messages import MAX_PAYLOAD, Message
+
+M = TypeVar("M", bound=Message)
+
+_CAUSES = (
+    ("missing required field", "missing_field"),
+    ("unknown field", "unknown_field"),
+    ("Invalid enum value", "unknown_word"),
+    ("got `null`", "wrong_type"),
+    (", got `", "wrong_type"),
+    ("of length", "wrong_length"),
+    ("`int` >=", "out_of_range"),
+    ("`int` <=", "out_of_range"),
+    ("out of range", "out_of_range"),
+)
+
+
+class Decoder(Generic[M]):
+    """Decodes one kind of message strictly.
+
+    Args:
+        kind: The message's type.
+        limit: Greatest payload [bytes].
+    """
+
+    def __init__(self, kind: type[M], limit: int = MAX_PAYLOAD) -> None:
+        self._kind = kind
+        self._limit = limit
+        self._decoder = msgspec.json.Decoder(kind)
+
+    def decode(self, payload: bytes) -> M:
+        """Return the message.
+
+        Raises:
+            InputError: With the cause ``too_large``, ``not_json``, ``missing_field``, ``unknown_field``,
+                ``unknown_word``, ``unknown_shape``, ``wrong_type``, ``wrong_length`` or ``out_of_range``.
+        """
+        if len(payload) > self._limit:
+            raise InputError("too_large", "payload", f"{len(payload)} bytes", f"at most {self._limit} bytes")
+        try:
+            return self._decoder.decode(payload)
+        except msgspec.ValidationError as error:
+            raise self._refusal(payload, str(error)) from error
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise InputError("not_json", "payload", str(error), "one JSON object in UTF-8") from error
+
+    def _refusal(self, payload: bytes, text: str) -> InputError:
+        what, _, place = text.partition(" - at `$")
+        where = place.rstrip("`").lstrip(".") or self._kind.__name__
+        cause = next((cause for phrase, cause in _CAUSES if phrase in what), "wrong_type")
+        if cause == "unknown_word" and where.endswith("shape"):
+            cause = "unknown_shape"
+        return InputError(cause, where, _shorten(payload), what)
+
+
+def _shorten(payload: bytes) -> str:
+    text = payload[:80].decode("utf-8", "replace")
+    return text + ("…" if len(payload) > 80 else "")
+
+
+def all_finite(value: Any) -> bool:
+    """Tell whether every number inside plain JSON values is finite."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, dict):
+        return all(map(all_finite, value.values()))
+    if isinstance(value, list | tuple):
+        return all(map(all_finite, value))
+    return True

@@ -1,0 +1,326 @@
+"""The messages of the network, version 1: JSON objects with exactly these fields.
+
+Lengths in m, angles in rad, times as named, everything in the robot's base frame, quaternions x y z w.
+Every number is finite; 'none' is ``null``. Unknown fields are refused, so a misspelt optional field can
+never be silently taken as left out.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, Struct
+
+Identity = Annotated[str, Meta(min_length=1, max_length=64, description="random id made at the producer's start")]
+Sequence = Annotated[int, Meta(ge=0, le=2**63 - 1, description="rises by 1 for each message of one producer")]
+Stamp = Annotated[
+    int, Meta(ge=-(2**63), le=2**63 - 1, description="UTC in ns since 1970, for people and logs; no age is judged by it")
+]
+ValidFor = Annotated[
+    int, Meta(ge=1, le=2**63 - 1, description="ns after its arrival for which a consumer may act on the message; then it stops")
+]
+ZoneWord = Literal["green", "yellow", "red", "stop"]
+ShapeWord = Literal["sphere", "capsule", "cylinder", "box"]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+MAX_PAYLOAD = 65_536
+"""Greatest payload of an input message [bytes]."""
+
+MAX_OBSTACLES = 128
+"""Greatest number of obstacles in one message: it bounds the time of a tick."""
+
+
+class Message(Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all messages."""
+
+
+class JointState(Message, frozen=True, kw_only=True):
+    """Measured joint state; joints are matched by name, in any order."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    name: list[str]
+    position: Annotated[list[float], Meta(description="rad or m, by name")]
+    velocity: Annotated[list[float], Meta(description="rad/s or m/s, by name")]
+
+
+class Ranges(Message, frozen=True, kw_only=True):
+    """One scan of all sensor rings, in the order of the robot file's rings and sensors."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    ranges: Annotated[list[float | None], Meta(description="m; null is no echo")]
+
+
+class ObstacleEntry(Message, frozen=True, kw_only=True):
+    """One tracked obstacle."""
+
+    id: Annotated[str, Meta(min_length=1, max_length=64)]
+    shape: ShapeWord
+    size: Annotated[
+        list[float],
+        Meta(description="m; sphere [r], capsule [r, length], cylinder [r, length], box [x, y, z]; round shapes along z"),
+    ]
+    position: Annotated[Vector3, Meta(description="m, base frame")]
+    quaternion_xyzw: Annotated[Quaternion, Meta(description="orientation, base frame")] = (0.0, 0.0, 0.0, 1.0)
+    velocity: Annotated[Vector3, Meta(description="m/s, base frame")] = (0.0, 0.0, 0.0)
+
+
+class Obstacles(Message, frozen=True, kw_only=True):
+    """All tracked obstacles; an empty list means 'seen, and nothing there'."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    obstacles: Annotated[list[ObstacleEntry], Meta(max_length=MAX_OBSTACLES)]
+
+
+class Target(Message, frozen=True, kw_only=True):
+    """The wanted motion."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    kind: Literal["joint_velocity", "twist", "position", "pose"]
+    value: Annotated[list[float], Meta(max_length=64)]
+
+
+class NearestEntry(Message, frozen=True, kw_only=True):
+    """The nearest thing of all sources."""
+
+    source: Annotated[str, Meta(description="ranges or obstacles")]
+    link: str
+    obstacle: Annotated[str | None, Meta(description="id; null for ranges")]
+    distance: Annotated[float, Meta(description="m, from the link's surface; at or below 0 is contact")]
+    point_on_link: Vector3
+    point_on_obstacle: Vector3
+    normal: Annotated[Vector3, Meta(description="unit, from the obstacle to the link")]
+
+
+class SourceEntry(Message, frozen=True, kw_only=True):
+    """One input as this tick saw it."""
+
+    state: Literal["absent", "fresh", "stale", "invalid"]
+    required: bool
+    age_s: Annotated[float | None, Meta(description="upper bound, by the service's own monotonic clock")]
+    distance: Annotated[float | None, Meta(description="m; what this source alone says")]
+
+
+class Zone(Message, frozen=True, kw_only=True):
+    """Zone and speed limits of one tick."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    valid_for_ns: ValidFor
+    robot: str
+    profile: str
+    zone: ZoneWord
+    distance: Annotated[float | None, Meta(description="m, least over all sources; null where nothing was seen")]
+    name: list[str]
+    speed_limit: Annotated[list[float], Meta(description="rad/s or m/s, by name")]
+    speed_scaling: Annotated[float, Meta(ge=0.0, le=1.0)]
+    nearest: NearestEntry | None
+    sources: dict[str, SourceEntry]
+    reaction: Annotated[
+        dict[str, float] | None, Meta(description="terms of the reaction time, where the profile uses one")
+    ]
+    reasons: list[str]
+
+
+class VelocityCommand(Message, frozen=True, kw_only=True):
+    """Joint velocities of one tick; ``seq`` is the same as that of the tick's ``Zone``."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    valid_for_ns: ValidFor
+    robot: str
+    zone: ZoneWord
+    name: list[str]
+    velocity: Annotated[list[float], Meta(description="rad/s or m/s, by name")]
+
+
+class EvaluateTarget(Message, frozen=True, kw_only=True):
+    """A target inside an ``evaluate`` input."""
+
+    kind: Literal["joint_velocity", "twist", "position", "pose"]
+    value: Annotated[list[float], Meta(max_length=64)]
+
+
+class EvaluateInput(Message, frozen=True, kw_only=True):
+    """One question to ``evaluate``; a source that is left out counts as not configured."""
+
+    position: list[float]
+    velocity: list[float] | None = None
+    name: list[str] | None = None
+    ranges: list[float | None] | None = None
+    obstacles: Annotated[list[ObstacleEntry], Meta(max_length=10_000)] | None = None
+    target: EvaluateTarget | None = None
+
+
+class PairEntry(Message, frozen=True, kw_only=True):
+    """The exact distance of one monitored link and one obstacle."""
+
+    link: str
+    obstacle: str
+    distance: Annotated[float, Meta(description="m, negative in penetration")]
+    point_on_link: Vector3
+    point_on_obstacle: Vector3
+    normal: Annotated[Vector3, Meta(description="unit, from the obstacle to the link")]
+    closing_speed: Annotated[
+        float | None,
+        Meta(description="m/s, of the link's nearest point towards the obstacle; null without joint velocities"),
+    ]
+    max_closing_speed: Annotated[float | None, Meta(description="m/s; null where the profile sets none")]
+    separation: Annotated[
+        dict[str, float] | None,
+        Meta(description="terms of the protective separation distance; null where the profile uses none"),
+    ]
+
+
+class EstimateEntry(Message, frozen=True, kw_only=True):
+    """One estimate from the readings of a ring."""
+
+    distance: Annotated[float, Meta(description="m, from the link's surface")]
+    position: Annotated[Vector3 | None, Meta(description="m, base frame")]
+    bearing: Annotated[float | None, Meta(description="rad, about the link, from sensor 1")]
+    sensors: Annotated[list[int], Meta(description="the sensors used, numbered from 1 as in Ranges")]
+
+
+class EstimatesEntry(Message, frozen=True, kw_only=True):
+    """Every estimator's answer; ``null`` where it has none, with the word in ``reasons``."""
+
+    as_printed: EstimateEntry | None = None
+    corrected: EstimateEntry | None = None
+    nearest: EstimateEntry | None = None
+    sphere_fit: EstimateEntry | None = None
+    lower_bound: EstimateEntry | None = None
+    reasons: dict[str, str] = {}
+
+
+class FramesEntry(Message, frozen=True, kw_only=True):
+    """Transforms to the base frame, row by row."""
+
+    sensors: list[list[list[float]]]
+    end_effector: list[list[float]]
+
+
+class CommandEntry(Message, frozen=True, kw_only=True):
+    """A velocity command in the robot's joint order."""
+
+    velocity: list[float]
+
+
+class EvaluateOutput(Message, frozen=True, kw_only=True):
+    """One answer of ``evaluate``."""
+
+    zone: ZoneWord
+    distance: float | None
+    speed_limit: list[float]
+    speed_scaling: float
+    reasons: list[str]
+    pairs: list[PairEntry]
+    estimates: EstimatesEntry | None
+    frames: FramesEntry
+    jacobian: Annotated[
+        list[list[float]], Meta(description="3 × k: end effector position by the k free joints, base frame")
+    ]
+    command: CommandEntry | None
+
+
+class EvaluateError(Message, frozen=True, kw_only=True):
+    """The answer to a line that cannot be evaluated."""
+
+    error: str
+
+
+class FramesRequest(Message, frozen=True, kw_only=True):
+    """Payload of a ``frames`` query; an empty payload asks for the present configuration."""
+
+    position: list[float]
+    name: list[str] | None = None
+
+
+class FramesReply(Message, frozen=True, kw_only=True):
+    """Answer to a ``frames`` query: transforms to the base frame, row by row."""
+
+    robot: str
+    name: list[str]
+    position: list[float]
+    sensors: list[list[list[float]]]
+    end_effector: list[list[float]]
+    links: dict[str, list[list[float]]]
+    jacobian: list[list[float]]
+
+
+class Health(Message, frozen=True, kw_only=True):
+    """Counters and timings of a running service."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    robot: str
+    version: str
+    uptime_s: float
+    rate_hz: float
+    ticks: int
+    skipped: Annotated[int, Meta(description="ticks that were left out after an overrun")]
+    overruns: int
+    tick_us: Annotated[dict[str, float], Meta(description="p50, p99, max over the last ticks")]
+    lateness_us: Annotated[dict[str, float], Meta(description="p50, p99, max over the last ticks")]
+    accepted: dict[str, int]
+    rejected: Annotated[dict[str, dict[str, int]], Meta(description="by source and cause")]
+    last_rejection: dict[str, str]
+    lost: Annotated[dict[str, int], Meta(description="gaps in the senders' seq")]
+    age_s: dict[str, float | None]
+    queries: Annotated[dict[str, int], Meta(description="answered, by key")]
+    warnings: list[str]
+
+
+INPUTS: dict[str, type[Message]] = {
+    "joints": JointState,
+    "ranges": Ranges,
+    "obstacles": Obstacles,
+    "target": Target,
+}
+"""Message of each input key ``in/NAME``."""
+
+ALL: tuple[type[Message], ...] = (
+    JointState,
+    Ranges,
+    Obstacles,
+    Target,
+    Zone,
+    VelocityCommand,
+    EvaluateInput,
+    EvaluateOutput,
+    EvaluateError,
+    FramesRequest,
+    FramesReply,
+    Health,
+)
+"""Every message with a schema of its own."""
+
+VERSION = 1
+"""Version of every message here."""
+
+
+def encoding_of(message: type[Message]) -> str:
+    """Return the Zenoh encoding, e.g. ``application/json;ssm.Zone/1``."""
+    return f"application/json;ssm.{message.__name__}/{VERSION}"
+
+
+def json_schemas() -> dict[str, Any]:
+    """Return one JSON Schema document with a definition for every message."""
+    import msgspec
+
+    _, components = msgspec.json.schema_components(ALL, ref_template="#/$defs/{name}")
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"ssm_service messages, version {VERSION}",
+        "$defs": components,
+    }
