@@ -196,7 +196,7 @@ class MotionConfig(Section, frozen=True, kw_only=True):
     ] = 0.02
     max_damping: Annotated[
         float, _meta("greatest damping λ, at a singular configuration", "m/rad", gt=0.0, le=1.0)
-    ] = 0.05
+    ] = 0.02
 
 
 class ZoneConfig(Section, frozen=True, kw_only=True):
