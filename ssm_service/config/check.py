@@ -82,7 +82,11 @@ class DocumentCheck:
         try:
             msgspec.convert(value, kind.cls, strict=True)
         except msgspec.ValidationError as error:
-            rule = re.sub(r" - at `.*`$", "", str(error))
+            rule, _, inner = str(error).partition(" - at `$.")
+            if inner:  # no rule of this table: a type that this walk leaves to msgspec
+                inner = inner.strip("`")
+                found, key = _value_at(value, kind.cls, inner), f"{place.key}.{inner}".strip(".")
+                raise ConfigError(self.path, key, found_words(found), rule) from error
             keys = dict.fromkeys(re.findall(r"`([\w.]+)`", rule))
             values = {key: _value_at(value, kind.cls, key) for key in keys}
             pairs = [f"{key} = {shown(found_words(found), 60)}" for key, found in values.items()]
@@ -205,7 +209,8 @@ def _default(cls: Any, name: str) -> Any:
     for field in msgspec.structs.fields(cls) if cls is not None else ():
         if field.encode_name == name:
             if field.default is not msgspec.NODEFAULT:
-                return field.default
+                plain = msgspec.to_builtins(field.default)
+                return list(plain) if isinstance(plain, tuple) else plain
             if field.default_factory is not msgspec.NODEFAULT:
                 return field.default_factory()
     return Phrase("nothing")

@@ -90,7 +90,7 @@ def bound_words(kind: inspect.Type) -> str:
     kind, _ = unwrapped(kind, Place())
     if is_number(kind):
         signs = (">", kind.gt), ("≥", kind.ge), ("<", kind.lt), ("≤", kind.le)
-        return " and ".join(f"{sign} {value:g}" for sign, value in signs if value is not None)
+        return " and ".join(f"{sign} {value:.12g}" for sign, value in signs if value is not None)
     if isinstance(kind, inspect.StrType):
         return _length_words(kind, "character", "characters")
     if isinstance(kind, inspect.TupleType):

@@ -165,7 +165,7 @@ class SourcesConfig(Section, frozen=True, kw_only=True):
 
 
 class MotionConfig(Section, frozen=True, kw_only=True):
-    """How targets become joint velocities ([Kang2022] 11–16, Algorithm 1; SCIENCE 6)."""
+    """How targets become joint velocities ([Kang2022] (11)–(16) and Algorithm 1)."""
 
     controller: Annotated[
         Literal["field", "field3d"],
