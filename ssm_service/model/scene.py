@@ -1,0 +1,214 @@
+"""Hull pieces and obstacles in one geometry model, so that one call measures all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from .hulls import Part
+from .robot import Robot
+from .shapes import Obstacle
+
+_FIRST_CAPACITY: Final = {"sphere": 16, "capsule": 16, "cylinder": 4, "box": 4}
+_FAILED: Final = 1e300
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Slot:
+    """Preallocated room for one obstacle of a given shape; rewritten in place.
+
+    Attributes:
+        shape: The obstacle's shape.
+        solid: Coal's shape in the geometry model.
+        placement: Its pose in the geometry model, obstacle to base.
+        core: What the exact tier measures to: the centre of a sphere, the segment of a capsule, else the solid.
+        radius: What the exact tier subtracts from the distance to the core [m].
+        transform_core: Coal's pose, obstacle to base.
+        pairs: Indices of this slot's collision pairs, one for each hull piece.
+        results: Coal's results for ``pairs``, alive and rewritten by each computation.
+        size: The size now written.
+        active: Whether the pairs are computed.
+    """
+
+    shape: str
+    solid: Any
+    placement: Any
+    core: Any
+    radius: float
+    transform_core: Any
+    pairs: range
+    results: list[Any]
+    size: tuple[float, ...]
+    active: bool
+
+
+class Scene:
+    """The hull pieces of all parts against as many obstacles as there are now.
+
+    Attributes:
+        parts: The links' geometries.
+        piece_count: Number of hull pieces of all parts.
+        slots: The slots in use, in the order of the obstacles.
+        results: Coal's results, for each obstacle the pieces in their order: piece ``k`` and obstacle ``j``
+            at ``j * piece_count + k``.
+    """
+
+    def __init__(self, robot: Robot, parts: tuple[Part, ...]) -> None:
+        self.parts = parts
+        self.piece_count = sum(len(part.pieces) for part in parts)
+        self.slots: list[Slot] = []
+        self.results: list[Any] = []
+        self._model = robot.model
+        self._data = robot.model.createData()
+        self._capacity = dict(_FIRST_CAPACITY)
+        self._shapes: tuple[str, ...] = ()
+        self._build()
+
+    def set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
+        """Write sizes and poses; only a change of the sequence of shapes costs more than that."""
+        shapes = tuple([obstacle.shape for obstacle in obstacles])
+        if shapes != self._shapes:
+            self._allot(shapes)
+        for slot, obstacle in zip(self.slots, obstacles, strict=True):
+            if slot.size != obstacle.size:
+                _write_size(slot, obstacle.size)
+            centre = np.array(obstacle.position)
+            slot.placement.translation = centre
+            slot.transform_core.setTranslation(centre)
+            if slot.shape != "sphere":
+                rotation = obstacle.rotation()
+                slot.placement.rotation = rotation
+                slot.transform_core.setRotation(rotation)
+
+    def compute(self, q: NDArray[np.float64]) -> list[float]:
+        """Compute the signed distances of all pieces to all obstacles.
+
+        Returns:
+            In the order of ``results`` [m]; ``-inf`` where Coal failed, so that failure is never far.
+        """
+        pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, q)
+        distances = [result.min_distance for result in self.results]
+        if not abs(sum(distances)) < _FAILED:  # one sum finds NaN, inf and Coal's 1.8e308
+            distances = [d if abs(d) < _FAILED else -math.inf for d in distances]
+        return distances
+
+    def placement_of(self, part: Part) -> Any:
+        """Return the pose of a part's geometry in the base frame, as of the last computation."""
+        return self._geometry_data.oMg[part.first]
+
+    def _allot(self, shapes: tuple[str, ...]) -> None:
+        """Give each obstacle a slot of its shape, and switch the pairs of the other slots off."""
+        grown = False
+        for shape in set(shapes):
+            while self._capacity[shape] < shapes.count(shape):
+                self._capacity[shape] *= 2
+                grown = True
+        if grown:
+            self._build()
+        free = {shape: iter(slots) for shape, slots in self._all_slots.items()}
+        self.slots = [next(free[shape]) for shape in shapes]
+        in_use = {id(slot) for slot in self.slots}
+        for slots in self._all_slots.values():
+            for slot in slots:
+                self._switch(slot, id(slot) in in_use)
+        self.results = [result for slot in self.slots for result in slot.results]
+        self._shapes = shapes
+
+    def _switch(self, slot: Slot, active: bool) -> None:
+        if slot.active == active:
+            return
+        change = (
+            self._geometry_data.activateCollisionPair
+            if active
+            else self._geometry_data.deactivateCollisionPair
+        )
+        for pair in slot.pairs:
+            change(pair)
+        slot.active = active
+
+    def _build(self) -> None:
+        """Build the geometry model for the present capacity, with every pair switched off."""
+        self._geometry = pin.GeometryModel()
+        for part in self.parts:
+            source = part.source
+            for piece in part.pieces:
+                self._add(
+                    f"{source.name}/{self._geometry.ngeoms}",
+                    source.parentJoint,
+                    source.parentFrame,
+                    source.placement,
+                    piece,
+                )
+        kinds = [shape for shape, count in self._capacity.items() for _ in range(count)]
+        for shape in kinds:
+            self._add(f"{shape}/{self._geometry.ngeoms}", 0, 0, pin.SE3.Identity(), _solid(shape))
+        pairs = pin.StdVec_CollisionPair()
+        for j in range(len(kinds)):
+            for piece in range(self.piece_count):
+                pairs.append(pin.CollisionPair(piece, self.piece_count + j))
+        self._geometry.collisionPairs.extend(pairs)
+        self._geometry_data = pin.GeometryData(self._geometry)
+        self._all_slots: dict[str, list[Slot]] = {shape: [] for shape in self._capacity}
+        for j, shape in enumerate(kinds):
+            self._all_slots[shape].append(self._slot(shape, j))
+        self.slots, self.results, self._shapes = [], [], ()
+        for slots in self._all_slots.values():
+            for slot in slots:
+                self._switch(slot, False)
+
+    def _add(self, name: str, joint: int, frame: int, placement: Any, shape: Any) -> None:
+        self._geometry.addGeometryObject(pin.GeometryObject(name, joint, frame, placement, shape))
+
+    def _slot(self, shape: str, index: int) -> Slot:
+        item = self._geometry.geometryObjects[self.piece_count + index]
+        pairs = range(index * self.piece_count, (index + 1) * self.piece_count)
+        return Slot(
+            shape=shape,
+            solid=item.geometry,
+            placement=item.placement,
+            core=_core(shape, item.geometry),
+            radius=0.0,
+            transform_core=coal.Transform3s(),
+            pairs=pairs,
+            results=[self._geometry_data.distanceResults[pair] for pair in pairs],
+            size=(),
+            active=True,
+        )
+
+
+def _solid(shape: str) -> Any:
+    if shape == "sphere":
+        return coal.Sphere(1.0)
+    if shape == "capsule":
+        return coal.Capsule(1.0, 1.0)
+    if shape == "cylinder":
+        return coal.Cylinder(1.0, 1.0)
+    return coal.Box(1.0, 1.0, 1.0)
+
+
+def _core(shape: str, solid: Any) -> Any:
+    if shape == "sphere":
+        return coal.Sphere(0.0)
+    if shape == "capsule":
+        return coal.Capsule(0.0, 1.0)
+    return solid
+
+
+def _write_size(slot: Slot, size: tuple[float, ...]) -> None:
+    if slot.shape == "box":
+        slot.solid.halfSide = np.array(size) / 2.0
+    else:
+        slot.solid.radius = size[0]
+        if slot.shape != "sphere":
+            slot.solid.halfLength = size[1] / 2.0
+        if slot.shape == "capsule":
+            slot.core.halfLength = size[1] / 2.0
+    slot.radius = size[0] if slot.shape in ("sphere", "capsule") else 0.0
+    slot.size = size

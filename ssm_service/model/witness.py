@@ -1,0 +1,66 @@
+"""Nearest points and the direction between them, finite and unit in every case."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .exact import Measured
+from .scene import Scene, Slot
+
+_TOO_NEAR: Final = {"sphere": 1e-9, "capsule": 1e-5, "cylinder": 1e-5, "box": 1e-5}
+"""Where mesh and core are nearer than this [m], their witness points do not tell a direction."""
+_UNIT: Final = 1e-6
+
+Vector = NDArray[np.float64]
+
+
+class Witness:
+    """Turns what was measured into points and a normal, as of the scene's last computation."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+
+    def of(self, measured: Measured) -> tuple[Vector, Vector, Vector]:
+        """Return point on link, point on obstacle and normal (obstacle to link), each (3,), base frame."""
+        slot = self._scene.slots[measured.obstacle]
+        mesh_point, core_point = measured.point_on_mesh, measured.point_on_core
+        if mesh_point is None or core_point is None:
+            result = slot.results[measured.piece]
+            link_point, obstacle_point = result.getNearestPoint1(), result.getNearestPoint2()
+            normal = self._hull_normal(measured, slot, result)
+            if not (_finite(link_point) and _finite(obstacle_point)):
+                link_point, obstacle_point = self._link_centre(measured), slot.placement.translation.copy()
+            return link_point, obstacle_point, normal
+        delta = mesh_point - core_point
+        length = math.sqrt(delta @ delta)
+        if length > _TOO_NEAR[slot.shape]:
+            normal = delta / length
+        else:
+            normal = self._hull_normal(measured, slot, slot.results[measured.piece])
+        return mesh_point, core_point + slot.radius * normal, normal
+
+    def _hull_normal(self, measured: Measured, slot: Slot, result: Any) -> Vector:
+        """Return Coal's normal, turned to point from the obstacle to the link, or the nearest thing to it."""
+        normal: Vector = -np.array(
+            result.normal
+        )  # Coal's points from the first shape, the hull, to the second
+        if _finite(normal) and abs(math.sqrt(normal @ normal) - 1.0) < _UNIT:
+            return normal
+        delta = self._link_centre(measured) - slot.placement.translation
+        length = math.sqrt(delta @ delta)
+        return delta / length if length > _UNIT else np.array([0.0, 0.0, 1.0])
+
+    def _link_centre(self, measured: Measured) -> Vector:
+        """Return the middle of the nearest hull piece's box, (3,) in the base frame."""
+        part = measured.part
+        shape = part.pieces[measured.piece - part.first]
+        centre: Vector = self._scene.placement_of(part).act(np.array(shape.aabb_center))
+        return centre
+
+
+def _finite(vector: Vector) -> bool:
+    return math.isfinite(vector[0] + vector[1] + vector[2])
