@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import coal
 import numpy as np
@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from .hulls import Part
 from .scene import Scene, Slot
 
-_INSIDE: Final = 2e-6  # [m]; GJK is off by up to 1.7 µm: nearer than this to a hull counts as inside
+_INSIDE_M: Final = 2e-6  # [m]; GJK is off by up to 1.7 µm: nearer than this to a hull counts as inside
+_TIGHT_M: Final = 2e-6  # [m]; bounds this close to each other are taken as equal
 _FARTHEST_M: Final = 1e5
 """No distance of a robot to an obstacle within 1 km is beyond this; Coal's 'not computed' is."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Measured:
     """A signed distance and where it was measured.
 
@@ -27,16 +28,20 @@ class Measured:
         part: The link's geometry.
         obstacle: Index of the obstacle.
         piece: Index, among all pieces, of the part's hull piece that is nearest to the obstacle.
-        point_on_mesh: (3,) base frame [m]; None where the distance is that of the hull piece.
-        point_on_core: (3,) base frame [m]; likewise.
+        by_mesh: Whether the triangles decided; else that hull piece did.
+        link_point: (3,) base frame [m], on the mesh or on the hull piece.
+        obstacle_point: (3,) base frame [m], on the obstacle's core (``by_mesh``) or on its surface.
+        normal: (3,) Coal's normal between hull piece and obstacle; None where ``by_mesh``.
     """
 
     distance: float
     part: Part
     obstacle: int
     piece: int
-    point_on_mesh: NDArray[np.float64] | None = None
-    point_on_core: NDArray[np.float64] | None = None
+    by_mesh: bool
+    link_point: NDArray[np.float64]
+    obstacle_point: NDArray[np.float64]
+    normal: NDArray[np.float64] | None
 
 
 class ExactTier:
@@ -72,54 +77,74 @@ class ExactTier:
         start = obstacle * self._scene.piece_count
         distances = hulls[start + part.first : start + part.last]
         hull = min(distances)
-        piece = part.first + distances.index(hull)
-        if hull == -math.inf:  # Coal failed on a piece: contact, as far as anybody knows
-            return Measured(distance=0.0, part=part, obstacle=obstacle, piece=piece) if limit > 0.0 else None
         slot = self._scene.slots[obstacle]
-        if part.is_mesh and not self._centre_inside(part, slot, hull):
-            core_limit = limit + slot.radius
-            distance = self._to_core(part, slot, core_limit)
-            if distance == core_limit:
-                return None  # the limit was not beaten; Coal has no points then
-            if 0.0 < distance < _FARTHEST_M or (distance == 0.0 and slot.shape == "sphere"):
-                return Measured(
-                    distance=distance - slot.radius,
-                    part=part,
-                    obstacle=obstacle,
-                    piece=piece,
-                    point_on_mesh=self._result.getNearestPoint1(),
-                    point_on_core=self._result.getNearestPoint2(),
-                )
-        return Measured(distance=hull, part=part, obstacle=obstacle, piece=piece) if hull < limit else None
+        transform_link = coal.Transform3s(self._scene.placement_of(part))
+        if not part.is_mesh or hull == -math.inf or self._centre_inside(part, transform_link, slot, hull):
+            return self._by_hull(part, transform_link, obstacle, limit)
+        core_limit = limit + slot.radius
+        piece = part.first + distances.index(hull)
+        distance = self._to_core(part, transform_link, slot, piece, core_limit)
+        if distance == core_limit:
+            return None  # the limit was not beaten; Coal has no points then
+        if 0.0 < distance < _FARTHEST_M or (distance == 0.0 and slot.shape == "sphere"):
+            link_point, core_point = self._result.getNearestPoint1(), self._result.getNearestPoint2()
+            return Measured(distance - slot.radius, part, obstacle, piece, True, link_point, core_point, None)
+        return self._by_hull(part, transform_link, obstacle, limit)
 
-    def _to_core(self, part: Part, slot: Slot, limit: float) -> float:
-        """Return the distance to the core, or ``limit`` where it is not below it [m]."""
+    def _by_hull(self, part: Part, transform_link: Any, obstacle: int, limit: float) -> Measured | None:
+        """Measure the hull pieces anew: unlike the scene's, this does not depend on earlier calls.
+
+        (The scene's solvers keep where they last looked, which moves results within GJK's tolerance.)
+        """
+        slot = self._scene.slots[obstacle]
+        best: Measured | None = None
+        for index, shape in enumerate(part.pieces):
+            self._result.clear()
+            distance = coal.distance(
+                shape, transform_link, slot.solid, slot.transform_core, self._request, self._result
+            )
+            if not abs(distance) < _FARTHEST_M:
+                distance = 0.0  # Coal failed: contact, as far as anybody knows
+            if distance < limit:
+                limit = distance
+                points = self._result.getNearestPoint1(), self._result.getNearestPoint2()
+                normal = np.array(self._result.normal)
+                best = Measured(distance, part, obstacle, part.first + index, False, *points, normal)
+        return best
+
+    def _to_core(self, part: Part, transform_link: Any, slot: Slot, piece: int, limit: float) -> float:
+        """Return the distance from mesh to core, or ``limit`` where it is not below it [m]."""
+        if slot.core is slot.solid:
+            # A triangle against a solid is slow. The mesh's distance to the solid's point nearest to the hull
+            # is an upper bound; where the hull lies on the mesh, as it mostly does, it is the distance.
+            witness = coal.Transform3s(slot.results[piece].getNearestPoint2())
+            upper = self._run(part, transform_link, self._point, witness, limit)
+            if upper < min(limit, slot.results[piece].min_distance + _TIGHT_M):
+                return upper
+            seed = upper + _TIGHT_M
+            if seed < limit:
+                distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
+                if distance != seed:
+                    return distance
+        return self._run(part, transform_link, slot.core, slot.transform_core, limit)
+
+    def _run(self, part: Part, transform_link: Any, shape: Any, transform: Any, limit: float) -> float:
         self._result.clear()  # also a limit that an earlier pair left there
         if limit < _FARTHEST_M:
             self._result.min_distance = limit
-        transform_mesh = coal.Transform3s(self._scene.placement_of(part))
-        return float(
-            coal.distance(
-                part.source.geometry,
-                transform_mesh,
-                slot.core,
-                slot.transform_core,
-                self._request,
-                self._result,
-            )
-        )
+        mesh = part.source.geometry
+        return float(coal.distance(mesh, transform_link, shape, transform, self._request, self._result))
 
-    def _centre_inside(self, part: Part, slot: Slot, hull: float) -> bool:
+    def _centre_inside(self, part: Part, transform_link: Any, slot: Slot, hull: float) -> bool:
         """Tell whether the obstacle's centre lies inside one of the part's hull pieces."""
         if slot.shape == "sphere":
-            return hull + slot.radius <= _INSIDE
+            return hull + slot.radius <= _INSIDE_M
         if hull > 0.0:
             return False
-        transform_mesh = coal.Transform3s(self._scene.placement_of(part))
         centre = coal.Transform3s(slot.transform_core.getTranslation())
-        for piece in part.pieces:
+        for shape in part.pieces:
             self._result.clear()
-            distance = coal.distance(piece, transform_mesh, self._point, centre, self._request, self._result)
-            if not distance > _INSIDE:
+            distance = coal.distance(shape, transform_link, self._point, centre, self._request, self._result)
+            if not distance > _INSIDE_M:
                 return True
         return False

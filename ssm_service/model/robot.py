@@ -160,6 +160,19 @@ class Robot:
             jacobian=full[:3, self.free],
         )
 
+    def link_transforms(self, position: ArrayLike) -> dict[str, NDArray[np.float64]]:
+        """Return every link's transform to the base frame, (4, 4) [m], by link name.
+
+        Args:
+            position: (n,) [rad or m].
+
+        Raises:
+            InputError: ``wrong_length`` or ``not_finite``.
+        """
+        pin.forwardKinematics(self.model, self._data, self.pinocchio_configuration(position))
+        pin.updateFramePlacements(self.model, self._data)
+        return {name: self._data.oMf[frame].homogeneous for name, frame in self._links.items()}
+
     def point_velocity(
         self, position: ArrayLike, velocity: ArrayLike, link: str, point: ArrayLike
     ) -> NDArray[np.float64]:

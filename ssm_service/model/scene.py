@@ -28,7 +28,7 @@ class Slot:
         shape: The obstacle's shape.
         solid: Coal's shape in the geometry model.
         placement: Its pose in the geometry model, obstacle to base.
-        core: What the exact tier measures to: the centre of a sphere, the segment of a capsule, else the solid.
+        core: What the exact tier measures to: a sphere's centre, a capsule's segment, else the solid.
         radius: What the exact tier subtracts from the distance to the core [m].
         transform_core: Coal's pose, obstacle to base.
         pairs: Indices of this slot's collision pairs, one for each hull piece.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,27 +27,22 @@ class Witness:
     def of(self, measured: Measured) -> tuple[Vector, Vector, Vector]:
         """Return point on link, point on obstacle and normal (obstacle to link), each (3,), base frame."""
         slot = self._scene.slots[measured.obstacle]
-        mesh_point, core_point = measured.point_on_mesh, measured.point_on_core
-        if mesh_point is None or core_point is None:
-            result = slot.results[measured.piece]
-            link_point, obstacle_point = result.getNearestPoint1(), result.getNearestPoint2()
-            normal = self._hull_normal(measured, slot, result)
+        if not measured.by_mesh:
+            link_point, obstacle_point = measured.link_point, measured.obstacle_point
             if not (_finite(link_point) and _finite(obstacle_point)):
                 link_point, obstacle_point = self._link_centre(measured), slot.placement.translation.copy()
-            return link_point, obstacle_point, normal
+            return link_point, obstacle_point, self._hull_normal(measured, slot)
+        mesh_point, core_point = measured.link_point, measured.obstacle_point
         delta = mesh_point - core_point
         length = math.sqrt(delta @ delta)
-        if length > _TOO_NEAR[slot.shape]:
-            normal = delta / length
-        else:
-            normal = self._hull_normal(measured, slot, slot.results[measured.piece])
+        far = length > _TOO_NEAR[slot.shape]
+        normal = delta / length if far else self._hull_normal(measured, slot)
         return mesh_point, core_point + slot.radius * normal, normal
 
-    def _hull_normal(self, measured: Measured, slot: Slot, result: Any) -> Vector:
-        """Return Coal's normal, turned to point from the obstacle to the link, or the nearest thing to it."""
-        normal: Vector = -np.array(
-            result.normal
-        )  # Coal's points from the first shape, the hull, to the second
+    def _hull_normal(self, measured: Measured, slot: Slot) -> Vector:
+        """Return Coal's normal, turned to point from obstacle to link, or the nearest thing to it."""
+        normal = measured.normal if measured.normal is not None else slot.results[measured.piece].normal
+        normal = -normal  # Coal's points from the first shape, the hull, to the second
         if _finite(normal) and abs(math.sqrt(normal @ normal) - 1.0) < _UNIT:
             return normal
         delta = self._link_centre(measured) - slot.placement.translation
