@@ -68,7 +68,7 @@ def limit_velocity(
         _check(index, want, before, here, fastest, low, high)
         if want == 0.0:
             continue
-        gap = high - margin - here if want > 0.0 else here - low - margin
+        gap = high - margin - here if want > 0.0 else here - (low + margin)
         if gap <= 0.0:
             factor = 0.0
             continue
