@@ -72,9 +72,7 @@ def assess(
     return Assessment(zone=zone, nearest=nearest, sources=reports, reasons=reasons)
 
 
-def nearest_by_rings(
-    robot: Robot, kinematics: Kinematics, ranges: NDArray[np.float64]
-) -> Nearest | None:
+def nearest_by_rings(robot: Robot, kinematics: Kinematics, ranges: NDArray[np.float64]) -> Nearest | None:
     """Return the least reading of all rings as the nearest thing: the estimator ``nearest``.
 
     Args:
@@ -89,7 +87,9 @@ def nearest_by_rings(
     if not len(ranges) or math.isinf(ranges[index]):
         return None
     ring = next(
-        ring for ring, part in zip(robot.rings, robot.ring_slices, strict=True) if part.start <= index < part.stop
+        ring
+        for ring, part in zip(robot.rings, robot.ring_slices, strict=True)
+        if part.start <= index < part.stop
     )
     T_base_sensor = kinematics.transform_sensors_to_base[index]
     direction = T_base_sensor[:3, 0]

@@ -121,7 +121,8 @@ class Evaluator:
         )
 
     def _statuses(self, question: EvaluationInput, sources: SourcesConfig) -> list[SourceStatus]:
-        """Return fresh states for what is given; without any perception, those that the file requires wait."""
+        """Return fresh states for what is given; with no perception at all, what the file requires waits."""
+
         def status(name: str, state: SourceState) -> SourceStatus:
             return SourceStatus(name=name, state=state, age_s=0.0 if state is SourceState.FRESH else None)
 
@@ -152,13 +153,9 @@ class Evaluator:
     def _estimates(self, question: EvaluationInput, kinematics: Kinematics) -> RingEstimates | None:
         if question.ranges is None or not self._robot.rings:
             return None
-        parts = self._robot.ring_slices
-        index = min(range(len(parts)), key=lambda i: float(np.min(question.ranges[parts[i]])))
-        return estimate(
-            self._robot.rings[index],
-            question.ranges[parts[index]],
-            kinematics.transform_rings_to_base[index],
-        )
+        scans = [question.ranges[part] for part in self._robot.ring_slices]
+        index = int(np.argmin([np.min(scan) for scan in scans]))
+        return estimate(self._robot.rings[index], scans[index], kinematics.transform_rings_to_base[index])
 
     def _velocity(
         self,

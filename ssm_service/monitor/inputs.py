@@ -201,7 +201,9 @@ def checked_target(robot: Robot, kind: str, value: Sequence[float]) -> Target:
         raise InputError("unsupported_kind", "target.kind", kind, listed(SUPPORTED_TARGET_KINDS))
     length = {"joint_velocity": len(robot.joint_names), "twist": 6, "position": 3}[kind]
     if len(value) != length:
-        raise InputError("wrong_length", "target.value", f"{len(value)} values", f"{length} values for {kind}")
+        raise InputError(
+            "wrong_length", "target.value", f"{len(value)} values", f"{length} values for {kind}"
+        )
     if not all(map(math.isfinite, value)):
         raise InputError("not_finite", "target.value", value, "finite numbers")
     if any(abs(number) > 1000.0 for number in value):

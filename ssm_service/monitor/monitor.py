@@ -98,7 +98,9 @@ class Monitor:
             speed_scaling=self.profile.speed_scaling(zone),
             velocity=velocity,
             reasons=tuple(now.reasons),
-            position=None if kinematics is None or inputs.joints.value is None else inputs.joints.value.position,
+            position=None
+            if kinematics is None or inputs.joints.value is None
+            else inputs.joints.value.position,
         )
 
     def evaluate(self, question: EvaluationInput) -> Evaluation:
@@ -139,8 +141,8 @@ class Monitor:
     def _beside_perception(self, now: Assessment, inputs: Inputs) -> Zone:
         """Return the zone after what is no perception: late ticks and a second service.
 
-        A tick that came late was still within ``valid_for_s`` at every consumer, so it makes the zone at least
-        yellow; one that came later than that has already stopped them, and the zone says the same.
+        A tick that came late was still within ``valid_for_s`` at every consumer, so it makes the zone at
+        least yellow; one that came later than that has stopped them already, and the zone says the same.
         """
         zone = now.zone
         if inputs.duplicate:

@@ -98,7 +98,14 @@ def obstacles_from(entries: list[m.ObstacleEntry]) -> tuple[Obstacle, ...]:
 
 
 def zone_message(
-    decision: Decision, *, producer: str, stamp_ns: int, valid_for_ns: int, robot: str, profile: str, name: list[str]
+    decision: Decision,
+    *,
+    producer: str,
+    stamp_ns: int,
+    valid_for_ns: int,
+    robot: str,
+    profile: str,
+    name: list[str],
 ) -> m.Zone:
     """Return a decision's ``Zone``; ``seq`` is the tick."""
     return m.Zone(
@@ -189,7 +196,9 @@ def evaluate_message(evaluation: Evaluation) -> m.EvaluateOutput:
             end_effector=kinematics.transform_end_effector_to_base.tolist(),
         ),
         jacobian=kinematics.jacobian.tolist(),
-        command=None if evaluation.velocity is None else m.CommandEntry(velocity=evaluation.velocity.tolist()),
+        command=None
+        if evaluation.velocity is None
+        else m.CommandEntry(velocity=evaluation.velocity.tolist()),
     )
 
 

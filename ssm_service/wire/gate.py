@@ -39,7 +39,9 @@ class ProducerGate:
             if seq <= self._seq:
                 raise InputError("old_seq", "seq", seq, f"above {self._seq}, the last one accepted")
         elif self._producer is not None and now - self._accepted_at <= self._timeout_s:
-            raise InputError("second_producer", "producer", producer, f"only {self._producer} while it is fresh")
+            raise InputError(
+                "second_producer", "producer", producer, f"only {self._producer} while it is fresh"
+            )
 
     def accept(self, producer: str, seq: int, now: float) -> None:
         """Remember a message that passed every check, this one's and its content's."""

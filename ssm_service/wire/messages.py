@@ -11,13 +11,25 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
-Identity = Annotated[str, Meta(min_length=1, max_length=64, description="random id made at the producer's start")]
+Identity = Annotated[
+    str, Meta(min_length=1, max_length=64, description="random id made at the producer's start")
+]
 Sequence = Annotated[int, Meta(ge=0, le=2**63 - 1, description="rises by 1 for each message of one producer")]
 Stamp = Annotated[
-    int, Meta(ge=-(2**63), le=2**63 - 1, description="UTC in ns since 1970, for people and logs; no age is judged by it")
+    int,
+    Meta(
+        ge=-(2**63),
+        le=2**63 - 1,
+        description="UTC in ns since 1970, for people and logs; no age is judged by it",
+    ),
 ]
 ValidFor = Annotated[
-    int, Meta(ge=1, le=2**63 - 1, description="ns after its arrival for which a consumer may act on the message; then it stops")
+    int,
+    Meta(
+        ge=1,
+        le=2**63 - 1,
+        description="ns after its arrival for which a consumer may act on the message; then it stops",
+    ),
 ]
 ZoneWord = Literal["green", "yellow", "red", "stop"]
 ShapeWord = Literal["sphere", "capsule", "cylinder", "box"]
@@ -62,7 +74,9 @@ class ObstacleEntry(Message, frozen=True, kw_only=True):
     shape: ShapeWord
     size: Annotated[
         list[float],
-        Meta(description="m; sphere [r], capsule [r, length], cylinder [r, length], box [x, y, z]; round shapes along z"),
+        Meta(
+            description="m; sphere [r], capsule or cylinder [r, length] along z, box [x, y, z]"
+        ),
     ]
     position: Annotated[Vector3, Meta(description="m, base frame")]
     quaternion_xyzw: Annotated[Quaternion, Meta(description="orientation, base frame")] = (0.0, 0.0, 0.0, 1.0)
@@ -119,7 +133,9 @@ class Zone(Message, frozen=True, kw_only=True):
     robot: str
     profile: str
     zone: ZoneWord
-    distance: Annotated[float | None, Meta(description="m, least over all sources; null where nothing was seen")]
+    distance: Annotated[
+        float | None, Meta(description="m, least over all sources; null where nothing was seen")
+    ]
     name: list[str]
     speed_limit: Annotated[list[float], Meta(description="rad/s or m/s, by name")]
     speed_scaling: Annotated[float, Meta(ge=0.0, le=1.0)]
@@ -173,7 +189,9 @@ class PairEntry(Message, frozen=True, kw_only=True):
     normal: Annotated[Vector3, Meta(description="unit, from the obstacle to the link")]
     closing_speed: Annotated[
         float | None,
-        Meta(description="m/s, of the link's nearest point towards the obstacle; null without joint velocities"),
+        Meta(
+            description="m/s, of the link's nearest point towards the obstacle; null without joint velocities"
+        ),
     ]
     max_closing_speed: Annotated[float | None, Meta(description="m/s; null where the profile sets none")]
     separation: Annotated[

@@ -1,0 +1,94 @@
+"""Zenoh sessions as this service needs them: no scouting, short leases, small buffers, real-time queues."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import zenoh
+
+from ..errors import ConfigError, ServiceError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+"""Where a service listens, and its consumers dial, when nothing else is said."""
+
+Mode = Literal["router", "client", "peer"]
+
+_COMMON: dict[str, Any] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    # A frozen process is noticed after the lease; the sender announces its own.
+    "transport/link/tx/lease": 100,
+    "transport/link/tx/keep_alive": 4,
+    # With the default of 2, DROP loses samples on a healthy loopback.
+    "transport/link/tx/queue/size/real_time": 16,
+    # Small buffers keep what a frozen consumer finds on waking short.
+    "transport/link/tcp/so_sndbuf": 8192,
+    "transport/link/tcp/so_rcvbuf": 8192,
+    "transport/link/rx/max_message_size": 4 * 1024 * 1024,
+    "transport/shared_memory/enabled": False,
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
+}
+
+
+def zenoh_config(
+    mode: Mode,
+    *,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    file: str | Path | None = None,
+    patient: bool = True,
+) -> zenoh.Config:
+    """Return a Zenoh configuration.
+
+    Args:
+        mode: The session's mode. The service is a ``router``, so that it passes queries on to its own
+            evaluating process; programs that use it are ``client``.
+        listen: Endpoints to listen on, e.g. ``tcp/127.0.0.1:7447``.
+        connect: Endpoints to dial.
+        file: A Zenoh configuration file to start from instead of our values. Its mode and endpoints hold
+            where none are given here.
+        patient: Whether opening may go on in the background while an endpoint is not there yet.
+
+    Raises:
+        ConfigError: The file or an endpoint is not acceptable to Zenoh.
+    """
+    config = zenoh.Config() if file is None else _from_file(file)
+    settings: dict[str, Any] = {}
+    if file is None:
+        settings.update(_COMMON)
+        settings["mode"] = mode
+    if listen or file is None:
+        settings["listen/endpoints"] = list(listen)
+    if connect or file is None:
+        settings["connect/endpoints"] = list(connect)
+    if connect and mode != "client":
+        settings["connect/exit_on_failure"] = not patient
+        settings["connect/timeout_ms"] = -1 if patient else 1000
+    for key, value in settings.items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise ConfigError(file or "Zenoh", key, value, str(error)) from error
+    return config
+
+
+def _from_file(file: str | Path) -> zenoh.Config:
+    try:
+        return zenoh.Config.from_file(str(file))
+    except (zenoh.ZError, OSError, ValueError) as error:
+        raise ConfigError(file, "", str(error), "a Zenoh configuration in JSON5, JSON or YAML") from error
+
+
+def open_session(config: zenoh.Config) -> zenoh.Session:
+    """Open a session.
+
+    Raises:
+        ServiceError: An endpoint cannot be listened on or dialled.
+    """
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise ServiceError(f"Zenoh session could not be opened: {error}") from error
