@@ -247,3 +247,12 @@ def test_refuses_limits_without_meaning(change, cause):
     with pytest.raises(InputError) as caught:
         limit_velocity(np.full(N, 0.5), **{**BASE, **change})
     assert caught.value.cause == cause
+
+
+def test_rounding_never_carries_a_joint_past_its_limit():
+    rng = np.random.default_rng(2)
+    for _ in range(3000):
+        wanted, limit = rng.uniform(0.5, 5.0, N), rng.uniform(0.001, 0.5, N)
+        result = limit_velocity(wanted, **{**BASE, "previous": wanted, "speed_limit": limit})
+        assert (result <= limit).all()
+        np.testing.assert_allclose(result, wanted * np.min(limit / wanted), rtol=1e-14)
