@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
-from ..model import Robot
-from ..monitor import Decision, Inputs, Monitor, Received
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import Obstacle, Robot
+from ..monitor import Decision, Inputs, JointSample, Monitor, Received, Target
 from .plant import DEFAULT_TIME_CONSTANT_S
 from .scenario import Scenario
-from .world import Emitted, World
+from .world import World
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,33 +62,36 @@ class MemoryRun:
             robot, scenario, seed=seed, track_obstacles=track_obstacles, time_constant_s=time_constant_s
         )
         self.monitor = Monitor(robot, profile=profile, period_s=period_s)
-        self._sources: dict[str, _Held] = {}
+        self._joints: _Held[JointSample] = _Held()
+        self._ranges: _Held[NDArray[np.float64]] = _Held()
+        self._obstacles: _Held[tuple[Obstacle, ...]] = _Held()
+        self._target: _Held[Target] = _Held()
 
     def tick(self) -> MemoryTick:
         """Emit, decide, and let the plant obey until the next tick."""
         world = self.world
         now = world.time_s
-        self._take(world.emit(), now)
+        emitted = world.emit()
         inputs = Inputs(
-            **{
-                name: Received(value=held.value, age_s=now - held.time_s)
-                for name, held in self._sources.items()
-            }
+            joints=self._joints.received(emitted.joints, now),
+            ranges=self._ranges.received(emitted.ranges, now),
+            obstacles=self._obstacles.received(emitted.obstacles, now),
+            target=self._target.received(emitted.target, now),
         )
         decision = self.monitor.step(inputs)
         world.step(decision.velocity, self.monitor.period_s)
         return MemoryTick(time_s=now, inputs=inputs, decision=decision)
 
-    def _take(self, emitted: Emitted, now: float) -> None:
-        for name in ("joints", "ranges", "obstacles", "target"):
-            value = getattr(emitted, name)
-            if value is not None:
-                self._sources[name] = _Held(value=value, time_s=now)
 
+class _Held(Generic[T]):
+    """The newest value of a source and when it came."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Held:
-    """The newest value of a source and when it came [s]."""
+    def __init__(self) -> None:
+        self._value: T | None = None
+        self._time_s = 0.0
 
-    value: object
-    time_s: float
+    def received(self, value: T | None, now: float) -> Received[T]:
+        """Take a new value, if there is one, and return what is known now [s]."""
+        if value is not None:
+            self._value, self._time_s = value, now
+        return Received(value=self._value, age_s=None if self._value is None else now - self._time_s)

@@ -63,7 +63,7 @@ class Plant:
         """Move on by ``dt`` [s] under a command (n,) [rad/s or m/s] that is held meanwhile.
 
         Raises:
-            InputError: ``wrong_length``, ``not_finite``, or ``out_of_range`` for a ``dt`` that is not above 0.
+            InputError: ``wrong_length``, ``not_finite``; ``out_of_range`` where ``dt`` is not above 0.
         """
         if not 0.0 < dt < math.inf:
             raise InputError("out_of_range", "dt", dt, "above 0, finite")

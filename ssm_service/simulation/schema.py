@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
@@ -57,7 +58,7 @@ class ObstacleConfig(Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         times = [waypoint.t_s for waypoint in self.path]
-        if times[0] != 0.0 or any(b <= a for a, b in zip(times, times[1:], strict=False)):
+        if times[0] != 0.0 or any(b <= a for a, b in itertools.pairwise(times)):
             raise ValueError("`path` must begin at t_s = 0 and go on in rising times")
         if self.at_the_end == "loop" and self.path[0].position_m != self.path[-1].position_m:
             raise ValueError("`path` must end where it begins, or `at_the_end` must be 'hold'")
@@ -90,7 +91,7 @@ class ScenarioFile(Section, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         times = [target.t_s for target in self.targets]
-        if times and (times[0] != 0.0 or any(b <= a for a, b in zip(times, times[1:], strict=False))):
+        if times and (times[0] != 0.0 or any(b <= a for a, b in itertools.pairwise(times))):
             raise ValueError("`targets` must begin at t_s = 0 and go on in rising times")
         if times and times[-1] >= self.duration_s:
             raise ValueError("the last of `targets` must begin before `duration_s`")

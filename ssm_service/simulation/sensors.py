@@ -17,8 +17,8 @@ from .schedule import Periodic
 class RangeSensors:
     """All sensor rings of a robot.
 
-    Each ring measures all its sensors at one instant, once every period of its own; ring ``i`` of ``r`` begins
-    ``i/r`` of its period late, so that rings with equal periods take turns. Errors come from the
+    Each ring measures all its sensors at one instant, once every period of its own; ring ``i`` of ``r``
+    begins ``i/r`` of its period late, so that rings with equal periods take turns. Errors come from the
     robot file (``rings[].simulated``); a scan is handed over ``latency_s`` after it was measured, in the
     state of the world in which it was measured.
 
