@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix
 from ..errors import SsmError
 from .seen_shapes import SeenShape
 
-GRAZING_MARGIN: Final = 1e-7
+GRAZING_MARGINS: Final = (1e-7, 1e-6, 1e-5)
 """By how much shape [m] and cone [rad] grow where the solver can tell neither 'hit' nor 'miss'."""
 
 
@@ -40,22 +40,25 @@ _CONES: Final[dict[str, list[Any]]] = {
 def least_distance(seen: SeenShape, half_angle: float) -> float:
     """Return ``min |x|`` over the points x of ``seen`` inside the cone, ``inf`` where there is none [m].
 
-    ``inf`` is given only with the solver's certificate that the intersection is empty. Where shape and
-    cone graze so closely that the solver ends with anything else, both are grown by ``GRAZING_MARGIN`` and
-    the grown problem decides: its miss is a miss, and its echo is never farther than the true one.
+    ``inf`` is given only with a certificate that the intersection is empty, checked here. Where shape and
+    cone graze so closely that the solver ends undecided, both are grown by ``GRAZING_MARGINS``, the least
+    first, until the grown problem decides: its miss is a miss, and its echo is never farther than the true
+    one.
 
     Args:
         seen: The shape in the sensor's frame.
         half_angle: Half of the cone's opening angle [rad], below 90°.
 
     Raises:
-        SsmError: The solver neither solved the grown problem nor proved it empty.
+        SsmError: The solver stayed undecided.
     """
-    grown = SeenShape(shape=seen.shape, half=seen.half + GRAZING_MARGIN, centre=seen.centre, axes=seen.axes)
-    wider = min(half_angle + GRAZING_MARGIN, math.pi / 2.0)
-    attempts = ((seen, half_angle, _TIGHT), (seen, half_angle, _USUAL), (grown, wider, _USUAL))
-    for shape, angle, settings in attempts:
-        found = _solve(shape, angle, settings)
+    for settings in (_TIGHT, _USUAL):
+        found = _solve(seen, half_angle, settings)
+        if found is not None:
+            return found
+    for margin in GRAZING_MARGINS:
+        grown = SeenShape(shape=seen.shape, half=seen.half + margin, centre=seen.centre, axes=seen.axes)
+        found = _solve(grown, min(half_angle + margin, math.pi / 2.0), _USUAL)
         if found is not None:
             return found
     raise SsmError(f"the reading of a {seen.shape} at {seen.centre.tolist()} (sensor frame) was not solved")
@@ -76,9 +79,38 @@ def _solve(seen: SeenShape, half_angle: float, settings: Any) -> float | None:
     solution = clarabel.DefaultSolver(quadratic, cost, constraints, offset, cones, settings).solve()
     if solution.status == clarabel.SolverStatus.Solved:
         return max(0.0, float(solution.x[0]))
-    if solution.status == clarabel.SolverStatus.PrimalInfeasible:
+    if _is_proven_empty(seen, matrix, offset, np.array(solution.z)):
         return math.inf
     return None
+
+
+def _is_proven_empty(
+    seen: SeenShape, matrix: NDArray[np.float64], offset: NDArray[np.float64], dual: NDArray[np.float64]
+) -> bool:
+    """Return whether ``dual`` (rows,) proves that no v has ``b − A·v ∈ K``, whatever the solver made of it.
+
+    For z in the (self-dual) cone K every such v has ``zᵀb >= (Aᵀz)ᵀv``, and no |v| exceeds the shape's reach.
+    """
+    largest = float(np.abs(dual).max())
+    if not 0.0 < largest < math.inf:
+        return False
+    z = _in_cone(seen.shape, dual / largest)
+    reach = float(np.linalg.norm(seen.centre) + np.linalg.norm(seen.half))
+    if seen.shape == "capsule":
+        reach += float(seen.half[2])
+    return bool(-(z @ offset) > 1.001 * reach * np.abs(matrix.T @ z).sum() + 1e-12 * np.abs(z * offset).sum())
+
+
+def _in_cone(shape: str, dual: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``dual`` moved into K: heads of second-order cones raised, negative entries set to 0."""
+    z = dual.copy()
+    linear = 6 if shape == "box" else 2
+    z[7 : 7 + linear] = np.maximum(z[7 : 7 + linear], 0.0)
+    heads = (0, 4) if shape == "box" else (0, 4, 9)
+    ends = (4, 7) if shape == "box" else (4, 7, len(z))
+    for head, end in zip(heads, ends, strict=True):
+        z[head] = max(float(z[head]), float(np.linalg.norm(z[head + 1 : end])))
+    return z
 
 
 def _constraints(seen: SeenShape, half_angle: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
