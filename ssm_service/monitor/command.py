@@ -17,6 +17,7 @@ def wanted_velocity(
     target: Target,
     nearest: Nearest | None,
     ranges: NDArray[np.float64] | None,
+    steps: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the joint velocity that the target asks for, (n,), [rad/s]; locked joints stay.
 
@@ -27,6 +28,7 @@ def wanted_velocity(
         nearest: The nearest thing of all sources, which repels in the conventional field.
         ranges: (m,), [m], the fresh readings that the 3-D field is made of; ``None`` without any. The 3-D
             field then gives no motion: without its readings it cannot avoid anything.
+        steps: (m,), the sensors' weights in the 3-D field, from ``motion.sensor_steps``.
     """
     config = robot.config.file.motion
     count = len(robot.joint_names)
@@ -49,4 +51,5 @@ def wanted_velocity(
         obstacle=obstacle,
         transforms_sensor_to_base=kinematics.transform_sensors_to_base,
         ranges=ranges,
+        steps=steps,
     )

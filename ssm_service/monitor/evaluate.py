@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..config import SourcesConfig
 from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Robot
-from ..motion import limit_velocity
+from ..motion import limit_velocity, sensor_steps
 from ..perception import RingEstimates, estimate
 from ..safety import SourceState, SourceStatus, Zone, ZoneProfile
 from .assess import Assessment, assess, nearest_by_obstacles, nearest_by_rings
@@ -90,6 +90,7 @@ class Evaluator:
         self._robot = robot
         self._profile = profile
         self._distance = DistanceModel(robot)
+        self._steps = sensor_steps([ring.count for ring in robot.rings])
 
     def evaluate(self, question: EvaluationInput) -> Evaluation:
         """Answer one question."""
@@ -169,7 +170,9 @@ class Evaluator:
         if now.zone is Zone.STOP:
             return np.zeros(len(limit))
         robot = self._robot
-        wanted = wanted_velocity(robot, kinematics, question.target, now.nearest, question.ranges)
+        wanted = wanted_velocity(
+            robot, kinematics, question.target, now.nearest, question.ranges, self._steps
+        )
         return limit_velocity(
             wanted,
             previous=wanted,

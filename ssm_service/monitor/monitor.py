@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..config import ProfileConfig
 from ..errors import ConfigError, listed, suggestion
 from ..model import DistanceModel, Kinematics, Obstacle, Robot
-from ..motion import limit_velocity
+from ..motion import limit_velocity, sensor_steps
 from ..safety import SourceState, SourceStatus, Zone, ZoneMachine, ZoneProfile, classify
 from .assess import Assessment, assess, nearest_by_obstacles, nearest_by_rings
 from .command import wanted_velocity
@@ -34,6 +34,18 @@ def zone_profile(robot: Robot, name: str | None) -> ZoneProfile:
     return ZoneProfile(name=chosen, config=config)
 
 
+def _check_period(robot: Robot, period_s: float) -> None:
+    """Refuse a period at which the approach to a goal would overshoot.
+
+    Raises:
+        ConfigError: ``approach_gain`` times the period is 1 or more.
+    """
+    gain = robot.config.file.motion.approach_gain
+    if not gain * period_s < 1.0:
+        allowed = f"below {1.0 / period_s:g} 1/s at a period of {period_s:g} s, or the approach overshoots"
+        raise ConfigError(robot.config.path, "motion.approach_gain", gain, allowed)
+
+
 def default_valid_for(period_s: float) -> float:
     """Return for how long a decision may be acted on [s]: the greater of 20 ms and three periods."""
     return max(0.020, 3.0 * period_s)
@@ -51,18 +63,20 @@ class Monitor:
         period_s: Time from tick to tick [s].
 
     Raises:
-        ConfigError: There is no profile of that name.
+        ConfigError: There is no profile of that name, or the period is too long for the robot file.
     """
 
     def __init__(self, robot: Robot, *, profile: str | None = None, period_s: float = 0.002) -> None:
         self.robot = robot
         self.profile = zone_profile(robot, profile)
+        _check_period(robot, period_s)
         self.period_s = period_s
         self.valid_for_s = default_valid_for(period_s)
         self._machine = ZoneMachine(self.profile.config.recovery_ticks)
         self._distance = DistanceModel(robot)
         self._obstacles: tuple[Obstacle, ...] = ()
         self._evaluator: Evaluator | None = None
+        self._steps = sensor_steps([ring.count for ring in robot.rings])
         self._velocity = np.zeros(len(robot.joint_names))
         self._tick = 0
 
@@ -167,7 +181,9 @@ class Monitor:
             now.reasons.append(target.reason)
         elif kinematics is not None and inputs.target.value is not None and zone is not Zone.STOP:
             ranges = inputs.ranges.value if now.sources["ranges"].status.state is SourceState.FRESH else None
-            wanted = wanted_velocity(self.robot, kinematics, inputs.target.value, now.nearest, ranges)
+            wanted = wanted_velocity(
+                self.robot, kinematics, inputs.target.value, now.nearest, ranges, self._steps
+            )
         if zone is Zone.STOP or kinematics is None or inputs.joints.value is None:
             self._velocity = np.zeros(len(limit))
         else:
