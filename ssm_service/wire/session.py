@@ -48,8 +48,8 @@ def zenoh_config(
             evaluating process; programs that use it are ``client``.
         listen: Endpoints to listen on, e.g. ``tcp/127.0.0.1:7447``.
         connect: Endpoints to dial.
-        file: A Zenoh configuration file to start from instead of our values. Its mode and endpoints hold
-            where none are given here.
+        file: A Zenoh configuration file to start from instead of our values. Its mode holds where it names
+            one; ``listen`` is added to its endpoints, ``connect`` replaces those that it dials.
         patient: Whether opening may go on in the background while an endpoint is not there yet.
 
     Raises:
@@ -59,9 +59,12 @@ def zenoh_config(
     settings: dict[str, Any] = {}
     if file is None:
         settings.update(_COMMON)
+    if file is None or json.loads(config.get_json("mode")) is None:
         settings["mode"] = mode
-    if listen or file is None:
+    if file is None:
         settings["listen/endpoints"] = list(listen)
+    elif listen:
+        settings["listen/endpoints"] = [*_listen_endpoints(config, mode), *listen]
     if connect or file is None:
         settings["connect/endpoints"] = list(connect)
     if connect and mode != "client":
@@ -80,6 +83,16 @@ def _from_file(file: str | Path) -> zenoh.Config:
         return zenoh.Config.from_file(str(file))
     except (zenoh.ZError, OSError, ValueError) as error:
         raise ConfigError(file, "", str(error), "a Zenoh configuration in JSON5, JSON or YAML") from error
+
+
+def _listen_endpoints(config: zenoh.Config, mode: Mode) -> list[str]:
+    """Return where a file says to listen; Zenoh's own default, every interface, counts as nothing said."""
+    found = json.loads(config.get_json("listen/endpoints"))
+    if found == json.loads(zenoh.Config().get_json("listen/endpoints")):
+        return []
+    if isinstance(found, dict):
+        found = found.get(json.loads(config.get_json("mode")) or mode, [])
+    return [found] if isinstance(found, str) else list(found)
 
 
 def open_session(config: zenoh.Config) -> zenoh.Session:
