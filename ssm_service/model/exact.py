@@ -15,6 +15,7 @@ from .scene import Scene, Slot
 
 _INSIDE_M: Final = 2e-6  # [m]; GJK is off by up to 1.7 µm: nearer than this to a hull counts as inside
 _TIGHT_M: Final = 2e-6  # [m]; bounds this close to each other are taken as equal
+_TOUCH_M: Final = 1e-9
 _FARTHEST_M: Final = 1e5
 """No distance of a robot to an obstacle within 1 km is beyond this; Coal's 'not computed' is."""
 
@@ -81,12 +82,14 @@ class ExactTier:
         transform_link = coal.Transform3s(self._scene.placement_of(part))
         if not part.is_mesh or hull == -math.inf or self._centre_inside(part, transform_link, slot, hull):
             return self._by_hull(part, transform_link, obstacle, limit)
-        core_limit = limit + slot.radius
         piece = part.first + distances.index(hull)
+        core_limit = max(limit + slot.radius, _TOUCH_M)  # above 0, or a core through the surface goes unseen
         distance = self._to_core(part, transform_link, slot, piece, core_limit)
-        if distance == core_limit:
+        if distance == core_limit < _FARTHEST_M:
             return None  # the limit was not beaten; Coal has no points then
         if 0.0 < distance < _FARTHEST_M or (distance == 0.0 and slot.shape == "sphere"):
+            if not distance - slot.radius < limit:
+                return None
             link_point, core_point = self._result.getNearestPoint1(), self._result.getNearestPoint2()
             return Measured(distance - slot.radius, part, obstacle, piece, True, link_point, core_point, None)
         return self._by_hull(part, transform_link, obstacle, limit)
@@ -117,9 +120,18 @@ class ExactTier:
         if slot.core is slot.solid:
             # A triangle against a solid is slow. The mesh's distance to the solid's point nearest to the hull
             # is an upper bound; where the hull lies on the mesh, as it mostly does, it is the distance.
-            witness = coal.Transform3s(slot.results[piece].getNearestPoint2())
+            self._result.clear()
+            hull = coal.distance(
+                part.pieces[piece - part.first],
+                transform_link,
+                slot.solid,
+                slot.transform_core,
+                self._request,
+                self._result,
+            )
+            witness = coal.Transform3s(self._result.getNearestPoint2())
             upper = self._run(part, transform_link, self._point, witness, limit)
-            if upper < min(limit, slot.results[piece].min_distance + _TIGHT_M):
+            if upper < min(limit, hull + _TIGHT_M):
                 return upper
             seed = upper + _TIGHT_M
             if seed < limit:

@@ -61,6 +61,8 @@ def build_parts(robot: Robot) -> tuple[Part, ...]:
                 raise ConfigError(
                     robot.config.path, f"hull_pieces.{link}", found, "a mesh of finite size"
                 ) from error
+            for piece in pieces:
+                piece.computeLocalAABB()
             parts.append(
                 Part(
                     link=link,
