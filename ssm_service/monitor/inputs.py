@@ -129,10 +129,10 @@ def joint_sample(
 
 
 def _order(robot: Robot, name: Sequence[str]) -> list[int]:
-    place = {joint: index for index, joint in enumerate(name)}
-    if len(place) != len(name):
-        twice = next(joint for joint in name if list(name).count(joint) > 1)
-        raise InputError("repeated_joint", "name", twice, "each joint once")
+    place: dict[str, int] = {}
+    for index, joint in enumerate(name):
+        if place.setdefault(joint, index) != index:
+            raise InputError("repeated_joint", "name", joint, "each joint once")
     for joint in name:
         if joint not in robot.joint_names:
             raise InputError("unknown_joint", "name", joint, listed(robot.joint_names))

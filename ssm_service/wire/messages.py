@@ -42,6 +42,18 @@ MAX_PAYLOAD = 65_536
 MAX_OBSTACLES = 128
 """Greatest number of obstacles in one message: it bounds the time of a tick."""
 
+MAX_JOINTS = 64
+"""Greatest number of joints in one message."""
+
+MAX_SENSORS = 1024
+"""Greatest number of readings in one scan."""
+
+# Every list from outside has a greatest length, so that refusing a message costs no more than accepting one.
+Names = Annotated[list[str], Meta(max_length=MAX_JOINTS)]
+Positions = Annotated[list[float], Meta(max_length=MAX_JOINTS, description="rad or m, by name")]
+Velocities = Annotated[list[float], Meta(max_length=MAX_JOINTS, description="rad/s or m/s, by name")]
+Readings = Annotated[list[float | None], Meta(max_length=MAX_SENSORS, description="m; null is no echo")]
+
 
 class Message(Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all messages."""
@@ -53,9 +65,9 @@ class JointState(Message, frozen=True, kw_only=True):
     producer: Identity
     seq: Sequence
     stamp_ns: Stamp
-    name: list[str]
-    position: Annotated[list[float], Meta(description="rad or m, by name")]
-    velocity: Annotated[list[float], Meta(description="rad/s or m/s, by name")]
+    name: Names
+    position: Positions
+    velocity: Velocities
 
 
 class Ranges(Message, frozen=True, kw_only=True):
@@ -64,7 +76,7 @@ class Ranges(Message, frozen=True, kw_only=True):
     producer: Identity
     seq: Sequence
     stamp_ns: Stamp
-    ranges: Annotated[list[float | None], Meta(description="m; null is no echo")]
+    ranges: Readings
 
 
 class ObstacleEntry(Message, frozen=True, kw_only=True):
@@ -75,7 +87,8 @@ class ObstacleEntry(Message, frozen=True, kw_only=True):
     size: Annotated[
         list[float],
         Meta(
-            description="m; sphere [r], capsule or cylinder [r, length] along z, box [x, y, z]"
+            max_length=3,
+            description="m; sphere [r], capsule or cylinder [r, length] along z, box [x, y, z]",
         ),
     ]
     position: Annotated[Vector3, Meta(description="m, base frame")]
@@ -170,10 +183,10 @@ class EvaluateTarget(Message, frozen=True, kw_only=True):
 class EvaluateInput(Message, frozen=True, kw_only=True):
     """One question to ``evaluate``; a source that is left out counts as not configured."""
 
-    position: list[float]
-    velocity: list[float] | None = None
-    name: list[str] | None = None
-    ranges: list[float | None] | None = None
+    position: Positions
+    velocity: Velocities | None = None
+    name: Names | None = None
+    ranges: Readings | None = None
     obstacles: Annotated[list[ObstacleEntry], Meta(max_length=10_000)] | None = None
     target: EvaluateTarget | None = None
 
@@ -259,8 +272,8 @@ class EvaluateError(Message, frozen=True, kw_only=True):
 class FramesRequest(Message, frozen=True, kw_only=True):
     """Payload of a ``frames`` query; an empty payload asks for the present configuration."""
 
-    position: list[float]
-    name: list[str] | None = None
+    position: Positions
+    name: Names | None = None
 
 
 class FramesReply(Message, frozen=True, kw_only=True):
