@@ -1,0 +1,104 @@
+"""What the service says: every decision published, the latest one kept encoded for queries."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import zenoh
+
+from ..monitor import Decision
+from ..safety import Zone
+from ..wire import Keys, command_message, encoding_of, zone_message
+from ..wire import messages as m
+
+
+class Outputs:
+    """Publishes zone and command of each decision and keeps their bytes as stored replies.
+
+    Args:
+        session: The Zenoh session.
+        keys: The robot's keys.
+        producer: Random id of this service.
+        profile: Zone profile in force.
+        valid_for_ns: For how long a decision may be acted on [ns].
+        joint_names: Names in the order of the decision's arrays.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        *,
+        producer: str,
+        profile: str,
+        valid_for_ns: int,
+        joint_names: list[str],
+    ) -> None:
+        self._robot = keys.robot
+        self._producer = producer
+        self._profile = profile
+        self._valid_for_ns = valid_for_ns
+        self._joint_names = joint_names
+        self._encoder = msgspec.json.Encoder()
+        self._zone = self._publisher(session, keys.output("zone"), m.Zone)
+        self._command = self._publisher(session, keys.output("command"), m.VelocityCommand)
+        self.zone_reply = self.command_reply = b""
+        self.last: Decision | None = None
+
+    @staticmethod
+    def _publisher(session: zenoh.Session, key: str, kind: type[m.Message]) -> zenoh.Publisher:
+        return session.declare_publisher(
+            key,
+            encoding=encoding_of(kind),
+            express=True,
+            priority=zenoh.Priority.REAL_TIME,
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
+
+    def publish(self, decision: Decision) -> None:
+        """Encode a decision once, publish it, and keep it for queries."""
+        stamp_ns = time.time_ns()
+        zone = zone_message(
+            decision,
+            producer=self._producer,
+            stamp_ns=stamp_ns,
+            valid_for_ns=self._valid_for_ns,
+            robot=self._robot,
+            profile=self._profile,
+            name=self._joint_names,
+        )
+        command = command_message(
+            decision,
+            producer=self._producer,
+            stamp_ns=stamp_ns,
+            valid_for_ns=self._valid_for_ns,
+            robot=self._robot,
+            name=self._joint_names,
+        )
+        self.zone_reply = self._encoder.encode(zone)
+        self.command_reply = self._encoder.encode(command)
+        self._zone.put(self.zone_reply)
+        self._command.put(self.command_reply)
+        self.last = decision
+
+    def publish_stop(self, reason: str) -> None:
+        """Publish a protective stop as the decision after the last one, if there was one."""
+        if self.last is not None:
+            self.publish(stopped(self.last, reason))
+
+
+def stopped(decision: Decision, reason: str) -> Decision:
+    """Return the decision after ``decision``: a protective stop."""
+    return replace(
+        decision,
+        tick=decision.tick + 1,
+        zone=Zone.STOP,
+        momentary_zone=Zone.STOP,
+        speed_limit=np.zeros_like(decision.speed_limit),
+        speed_scaling=0.0,
+        velocity=np.zeros_like(decision.velocity),
+        reasons=(reason,),
+    )
