@@ -72,17 +72,10 @@ class World:
         self._obstacles = Periodic(OBSTACLES_PERIOD_S)
         self._target = Periodic(TARGET_PERIOD_S)
 
-    def step(self, command: NDArray[np.float64], dt: float, *, time_s: float | None = None) -> None:
-        """Let the plant obey ``command`` (n,) [rad/s] for ``dt`` [s].
-
-        Args:
-            command: Joint velocities.
-            dt: For how long.
-            time_s: The time that it is then; ``dt`` later than before where left out. Obstacles do not wait
-                for a simulation that was held up, so it may be more than that.
-        """
+    def step(self, command: NDArray[np.float64], dt: float) -> None:
+        """Let the plant obey ``command`` (n,) [rad/s] for ``dt`` [s], while everything else moves on, too."""
         self.plant.step(command, dt)
-        self.time_s = self.time_s + dt if time_s is None else time_s
+        self.time_s += dt
 
     def obstacles(self) -> tuple[Obstacle, ...]:
         """Return all obstacles now."""
