@@ -37,14 +37,15 @@ WHAT = {
     WIRE: "decode 4 inputs, encode 2 outputs",
 }
 NOTES = f"""\
-{WHAT[STEP]}: joints, readings, obstacle poses and target are new in every tick; kinematics, exact nearest pair, zone, \
-limits and command are included. Its inputs are checked values; making them of messages is the row 'decode …'. \
-The network itself is in neither.
-{WHAT[FLOOR]}: the floor, one call on the same hull pieces and spheres, whose poses are written before the clock starts.
+{WHAT[STEP]}: joints, readings, obstacle poses and target are new in every tick; kinematics, exact nearest \
+pair, zone, limits and command are included. Its inputs are checked values; making them of messages is the row \
+'decode …'. The network itself is in neither.
+{WHAT[FLOOR]}: the floor, one call on the same hull pieces and spheres, whose poses are written before the \
+clock starts.
 {HOW_DRAWN}
-All variants take turns in blocks of {BLOCK} ticks in random order, so that a drift of the machine hits all alike; \
-in the tight loop the first {WARM_UP} ticks of a block are not counted. The garbage collector is off, as in the \
-service.
+All variants take turns in blocks of {BLOCK} ticks in random order, so that a drift of the machine hits all \
+alike; in the tight loop the first {WARM_UP} ticks of a block are not counted. The garbage collector is off, as \
+in the service.
 'per obstacle' is p50 / N; 'to floor' is the ratio of the p50.\
 """
 
@@ -247,11 +248,20 @@ def draw(table: list[Row], path: Path) -> None:
             zip(PACES, ("-", "--"), strict=True), zip(WHAT, ("C0", "C7", "C1"), strict=True)
         ):
             chosen = [row for row in table if row["pace"] == pace and row["what"] == what]
-            counts = [row["obstacles"] for row in chosen]
-            p50, p99 = ([row[f"{name}_us"] for row in chosen] for name in ("p50", "p99"))
-            axes.plot(counts, p50, style, color=colour, marker="o", label=f"{what}, {pace}")
-            axes.fill_between(counts, p50, p99, color=colour, alpha=0.12)
-        axes.set(xscale="log", yscale="log", xlabel="obstacles", ylabel="time, p50 with p99 shaded [µs]")
+            counts = [row["obstacles"] * (1.0 if style == "-" else 1.06) for row in chosen]
+            p50, p99 = (np.array([row[f"{name}_us"] for row in chosen]) for name in ("p50", "p99"))
+            bars = [np.zeros(len(p50)), p99 - p50]
+            axes.errorbar(
+                counts,
+                p50,
+                bars,
+                linestyle=style,
+                color=colour,
+                marker="o",
+                capsize=3,
+                label=f"{what}, {pace}",
+            )
+        axes.set(xscale="log", yscale="log", xlabel="obstacles", ylabel="time, p50 and up to p99 [µs]")
         axes.set_xticks(COUNTS, [str(count) for count in COUNTS])
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8)
