@@ -141,12 +141,16 @@ def _placed(
     pose: NDArray[np.float64], ring: Ring, distance: float, bearing: float, sensors: tuple[int, ...]
 ) -> Estimate:
     """Return the estimate at ``distance`` from the surface, at ``bearing`` in the ring's plane."""
-    wrapped = math.remainder(bearing, 2.0 * math.pi)
-    wrapped = math.pi if wrapped == -math.pi else wrapped
     from_axis = ring.radius + distance
     in_ring = np.array([from_axis * math.cos(bearing), from_axis * math.sin(bearing), 0.0])
     x, y, z = (pose[:3, :3] @ in_ring + pose[:3, 3]).tolist()
-    return Estimate(distance=distance, position=(x, y, z), bearing=wrapped, sensors=sensors)
+    return Estimate(distance=distance, position=(x, y, z), bearing=_wrapped(bearing), sensors=sensors)
+
+
+def _wrapped(angle: float) -> float:
+    """Return ``angle`` in (−π, π] [rad]."""
+    turned = math.remainder(angle, 2.0 * math.pi)
+    return math.pi if turned == -math.pi else turned
 
 
 def _checked(

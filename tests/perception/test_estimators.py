@@ -11,7 +11,7 @@ from ssm_service.config import RingConfig
 from ssm_service.errors import InputError
 from ssm_service.model.rings import Ring
 from ssm_service.model.shapes import Obstacle
-from ssm_service.perception import estimate, scan
+from ssm_service.perception import estimate, estimators, scan
 
 SILENT = math.inf
 
@@ -169,6 +169,19 @@ def test_nearest_is_the_least_reading_in_its_sensors_direction(first):
 
 def test_bearing_of_the_opposite_sensor_is_plus_pi():
     assert estimate(make_ring(), eight(s5=0.3), np.eye(4)).nearest.bearing == math.pi
+
+
+@pytest.mark.parametrize("turns", [-1.5, -0.5, 0.5, 1.5])
+def test_bearings_lie_above_minus_pi(turns):
+    assert estimators._wrapped(2.0 * math.pi * turns) == math.pi
+
+
+def test_contact_where_the_triangle_closes_to_nothing_divides_by_nothing():
+    ring = make_ring()
+    chord = 2.0 * ring.radius * math.sin(math.pi / 8)
+    found = estimate(ring, eight(s8=0.0, s1=chord), np.eye(4))
+    assert found.reasons == {"as_printed": "no_triangle", "corrected": "no_triangle"}
+    assert found.nearest.distance == 0.0
 
 
 @pytest.mark.parametrize(

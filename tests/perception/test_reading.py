@@ -6,10 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from raycast import quaternion_of, random_pose, random_quaternion, raycast_reading, rotation_of
+from scipy.linalg import null_space
 
 from ssm_service.errors import InputError, SsmError
 from ssm_service.model.shapes import Obstacle
 from ssm_service.perception import cone_program, cone_reading, scan, sphere_readings
+from ssm_service.perception.seen_shapes import SeenShape
 
 SHAPES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
 AT_ORIGIN = np.eye(4)
@@ -318,6 +320,40 @@ def test_silence_needs_a_proof_whatever_the_solver_says(monkeypatch, status, sha
     for _ in range(20):
         with pytest.raises(SsmError, match="not solved"):
             cone_reading(obstacle, AT_ORIGIN, ALPHA, 2.0)
+
+
+@pytest.mark.parametrize("shape", ["capsule", "cylinder", "box"])
+def test_a_proof_counts_only_inside_the_dual_cone(shape):
+    """Vectors that would prove emptiness, did they not point out of K, prove nothing of a seen shape."""
+    rng = np.random.default_rng(9)
+    obstacle = Obstacle(id="o", shape=shape, size=(0.2, 0.3, 0.4)[: SHAPES[shape]], position=(0.8, 0.2, 0.1))
+    seen = SeenShape.of(obstacle, AT_ORIGIN)
+    matrix, offset = cone_program._constraints(seen, ALPHA)
+    assert cone_program.least_distance(seen, ALPHA) < math.inf
+    flat = null_space(matrix.T)
+    for _ in range(200):
+        dual = flat @ rng.normal(size=flat.shape[1])
+        dual *= -np.sign(dual @ offset)
+        assert dual @ offset < 0.0
+        assert not cone_program._is_proven_empty(seen, matrix, offset, dual)
+
+
+@pytest.mark.parametrize("shape", ["capsule", "cylinder", "box"])
+def test_extent_is_the_farthest_point_and_nearest_the_nearest(shape):
+    rng = np.random.default_rng(10)
+    for _ in range(20):
+        obstacle = random_obstacle(rng, shape)
+        seen = SeenShape.of(obstacle, AT_ORIGIN)
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        turn = rotation_of(obstacle.quaternion_xyzw)
+        farthest = turn @ _support(obstacle, turn.T @ normal)
+        assert seen.extent(normal) == pytest.approx(farthest @ normal, abs=1e-12)
+        nearest = seen.nearest()
+        away = np.linalg.norm(nearest)
+        if away > 1e-9:  # the nearest point of a convex shape is the one that its own plane supports
+            beyond = np.array(obstacle.position) + turn @ _support(obstacle, turn.T @ -nearest)
+            assert beyond @ nearest == pytest.approx(away**2, abs=1e-9)
 
 
 @settings(derandomize=True, deadline=None, max_examples=150)
