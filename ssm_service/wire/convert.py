@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -251,10 +250,9 @@ def _estimates_entry(estimates: RingEstimates) -> m.EstimatesEntry:
 def _estimate_entry(estimate: Estimate | None) -> m.EstimateEntry | None:
     if estimate is None:
         return None
-    position: Any = estimate.position
     return m.EstimateEntry(
         distance=estimate.distance,
-        position=None if position is None else vector(position),
+        position=estimate.position,
         bearing=estimate.bearing,
         sensors=list(estimate.sensors),
     )
