@@ -23,8 +23,8 @@ def cone_reading(
 ) -> float:
     """Return what one ideal sensor reads of one obstacle [m], ``inf`` for no echo.
 
-    The reading is exact to 1e-6 m. Where a shape grazes the edge of the cone the reading jumps, and near that
-    jump it is that of an obstacle displaced by less than 1e-7 m.
+    The reading is exact to 1e-6 m. Where a shape only just grazes the edge of the cone the reading jumps;
+    there it may be that of an obstacle larger by 1e-7 m (1e-5 m at the very most): never silence for an echo.
 
     Args:
         obstacle: The obstacle, in the base frame.
