@@ -153,7 +153,7 @@ def test_points_and_normal_agree_with_the_distance(robot, model):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_moving_against_the_normal_moves_away(robot, model, shape):
-    """The normal points from the obstacle to the link, in penetration too: a flipped one would lock the robot."""
+    """From obstacle to link, in penetration too: a flipped normal would lock the robot."""
     rng = np.random.default_rng(16)
     contacts = 0
     for position in random_positions(robot, rng, 60):

@@ -183,7 +183,7 @@ def test_flat_meshes_have_hulls(points):
     points = np.array(points, dtype=float)
     hull = convex_hull(points)
     result = coal.DistanceResult()
-    place = coal.Transform3s(np.eye(3), points.mean(axis=0) + [0.0, 0.0, 2.0])
+    place = coal.Transform3s(np.eye(3), points.mean(axis=0) + 2.0 * np.eye(3)[2])
     distance = coal.distance(
         hull, coal.Transform3s(), coal.Sphere(0.1), place, coal.DistanceRequest(), result
     )
