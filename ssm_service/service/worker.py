@@ -8,6 +8,8 @@ import signal
 import sys
 import threading
 import time
+import traceback
+from collections import deque
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,13 @@ from .options import WorkerOptions
 EVALUATE_LIMIT = 4 * 1024 * 1024
 """Greatest ``evaluate`` payload [bytes]."""
 
+REPLY_LIMIT = 3_500_000
+"""Greatest ``evaluate`` reply [bytes]; Zenoh drops what is longer than a session's ``max_message_size``."""
+
 QUEUE_CAPACITY = 64
+
+ARRIVALS = 16
+"""Joint messages that are kept for ``frames``: the newest that is valid is taken."""
 
 
 class EvaluatingWorker:
@@ -49,9 +57,11 @@ class EvaluatingWorker:
         self._frames_request = Decoder(m.FramesRequest)
         self._joint_state = Decoder(m.JointState)
         self._waiting: queue.Queue[tuple[str, zenoh.Query]] = queue.Queue(QUEUE_CAPACITY)
-        channel: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(1)
-        self._joints = session.declare_subscriber(keys.input("joints"), channel)
-        self._present: tuple[float, JointSample] | None = None
+        # A callback, not a channel: the time of arrival counts, and a channel does not keep it.
+        self._arrived: deque[tuple[float, zenoh.ZBytes]] = deque(maxlen=ARRIVALS)
+        self._joints = session.declare_subscriber(
+            keys.input("joints"), lambda sample: self._arrived.append((time.monotonic(), sample.payload))
+        )
         self._queryables = [
             session.declare_queryable(key, partial(self._enqueue, name)) for name, key in self._keys.items()
         ]
@@ -68,9 +78,7 @@ class EvaluatingWorker:
             self._waiting.put_nowait((name, query))
         except queue.Full:
             with query:
-                query.reply_err(
-                    b'{"error": "busy: too many queries are waiting"}', encoding="application/json"
-                )
+                self._refuse(query, "busy: too many queries are waiting")
 
     def _answer(self, name: str, query: zenoh.Query) -> None:
         payload = b"" if query.payload is None else query.payload.to_bytes()
@@ -80,20 +88,36 @@ class EvaluatingWorker:
             else:
                 reply, encoding = self._frames(payload), encoding_of(m.FramesReply)
         except SsmError as error:
-            text = msgspec.json.encode(m.EvaluateError(error=str(error)))
-            query.reply_err(text, encoding=encoding_of(m.EvaluateError))
-            return
-        query.reply(self._keys[name], reply, encoding=encoding)
+            self._refuse(query, str(error))
+        except Exception as error:
+            # One question that we cannot answer must not take the others' answers with it.
+            traceback.print_exc()
+            self._refuse(query, f"internal error: {type(error).__name__}")
+        else:
+            query.reply(self._keys[name], reply, encoding=encoding)
+
+    def _refuse(self, query: zenoh.Query, text: str) -> None:
+        query.reply_err(
+            msgspec.json.encode(m.EvaluateError(error=text)), encoding=encoding_of(m.EvaluateError)
+        )
 
     def _evaluate(self, payload: bytes) -> bytes:
-        answers: list[m.EvaluateOutput | m.EvaluateError] = []
+        answers: list[bytes] = []
+        size = 0
         for raw in self._questions.decode(payload):
-            try:
-                question = question_from(self._robot, self._question.decode(bytes(raw)))
-                answers.append(evaluate_message(self._evaluator.evaluate(question)))
-            except InputError as error:
-                answers.append(m.EvaluateError(error=str(error)))
-        return msgspec.json.encode(answers)
+            answers.append(msgspec.json.encode(self._one(bytes(raw))))
+            size += len(answers[-1]) + 1
+            if size > REPLY_LIMIT:
+                found = f"over {REPLY_LIMIT} bytes after {len(answers)} inputs"
+                raise InputError("too_large", "reply", found, "fewer inputs in one query")
+        return b"[" + b",".join(answers) + b"]"
+
+    def _one(self, payload: bytes) -> m.EvaluateOutput | m.EvaluateError:
+        try:
+            question = question_from(self._robot, self._question.decode(payload))
+            return evaluate_message(self._evaluator.evaluate(question))
+        except InputError as error:
+            return m.EvaluateError(error=str(error))
 
     def _frames(self, payload: bytes) -> bytes:
         if payload:
@@ -104,16 +128,17 @@ class EvaluatingWorker:
         return msgspec.json.encode(frames_message(self._robot, self._name, sample.position))
 
     def _present_joints(self) -> JointSample:
-        received = self._joints.handler.try_recv()
-        if received is not None:
-            message = self._joint_state.decode(received.payload.to_bytes())
-            self._present = time.monotonic(), joints_value(self._robot, message)
-        timeout = self._robot.config.file.sources.joints.timeout_s
-        if self._present is None or time.monotonic() - self._present[0] > timeout:
-            raise InputError(
-                "waiting", "frames", "no fresh joint state", "a payload with `position`, or a running driver"
-            )
-        return self._present[1]
+        oldest = time.monotonic() - self._robot.config.file.sources.joints.timeout_s
+        for arrived, payload in reversed(list(self._arrived)):
+            if arrived < oldest:
+                break
+            try:
+                return joints_value(self._robot, self._joint_state.decode(payload.to_bytes()))
+            except InputError:
+                continue  # counted where it matters, by the service
+        raise InputError(
+            "waiting", "frames", "no fresh joint state", "a payload with `position`, or a running driver"
+        )
 
 
 def main() -> None:
