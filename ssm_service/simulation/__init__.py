@@ -3,6 +3,7 @@
 from .memory import MemoryRun, MemoryTick
 from .paths import Path3
 from .plant import Plant
+from .process import Simulation, SimulationOptions, Summary, run_simulation
 from .scenario import Scenario, list_scenarios, load_scenario
 from .sensors import RangeSensors
 from .world import Emitted, World
@@ -15,7 +16,11 @@ __all__ = [
     "Plant",
     "RangeSensors",
     "Scenario",
+    "Simulation",
+    "SimulationOptions",
+    "Summary",
     "World",
     "list_scenarios",
     "load_scenario",
+    "run_simulation",
 ]

@@ -14,12 +14,12 @@ from typing import Any, TypedDict
 
 import zenoh
 
-from ..client import Follower
-from ..errors import ServiceError
+from ..client import Connection, Follower
 from ..model import Robot
 from ..service import Beat, FixedRateLoop
+from ..service.realtime import apply_realtime
 from ..wire import Keys
-from ..wire.session import DEFAULT_ENDPOINT, open_session, zenoh_config
+from ..wire.session import DEFAULT_ENDPOINT
 from .drivers import Drivers
 from .obeying import Obeying
 from .scenario import Scenario, load_scenario
@@ -28,8 +28,8 @@ from .world import World
 PERIOD_NS = 2_000_000
 """Time from step to step [ns]: 500 Hz."""
 
-RETRY_S = 0.2
-"""Time between two attempts to reach a service [s]."""
+PATIENCE_S = 0.3
+"""Time after which it is said that nobody is there yet [s]."""
 
 
 class Summary(TypedDict):
@@ -63,6 +63,7 @@ class SimulationOptions:
         seconds: End by itself after this time, waiting for the service included.
         seed: Seed of the sensors' errors.
         track_obstacles: Whether a tracker sends the obstacles; otherwise only the sensor rings see them.
+        realtime: Whether to ask the operating system for a steady loop, as a controller has one.
     """
 
     robot: str | Path = "ur3"
@@ -73,6 +74,7 @@ class SimulationOptions:
     seconds: float | None = None
     seed: int = 0
     track_obstacles: bool = True
+    realtime: bool = True
 
 
 class Simulation:
@@ -176,41 +178,47 @@ def run_simulation(
     """
     robot = Robot.load(options.robot)
     scenario = load_scenario(options.scenario, robot)
-    config = zenoh_config("client", connect=options.connect, file=options.zenoh_config)
+    connection = Connection(options.connect, options.zenoh_config)
     end = None if options.seconds is None else time.monotonic() + options.seconds
-    with _until_signal() as stop:
+    with _until_signal() as flag:
 
         def running() -> bool:
-            return not stop.up and (end is None or time.monotonic() < end)
+            return not flag.up and (end is None or time.monotonic() < end)
 
-        session = _connected(config, options, running, log)
-        if session is None:
-            return _never_connected(scenario)
-        with session:
+        try:
+            session = _session(connection, options, running, log)
+            if session is None:
+                return _never_connected(scenario)
+            if options.realtime:
+                _done, refused = apply_realtime()
+                if refused:
+                    log(f"not permitted: {'; '.join(refused)}")
             simulation = Simulation(session, options, robot, scenario, log, on_step)
             try:
                 FixedRateLoop(PERIOD_NS, spin_ns=0).run(simulation.step, lambda _until: None, running)
             finally:
                 simulation.close()
             return simulation.summary()
+        finally:
+            connection.close()
 
 
-def _connected(
-    config: zenoh.Config,
+def _session(
+    connection: Connection,
     options: SimulationOptions,
     running: Callable[[], bool],
     log: Callable[[str], None],
 ) -> zenoh.Session | None:
-    """Return a session once a service is there; ``None`` if the run ended before."""
-    waiting = False
+    """Return the session once a service is there; ``None`` if the run ended before."""
+    begin, waiting = time.monotonic(), False
     while running():
-        try:
-            return open_session(config)
-        except ServiceError:
-            if not waiting:
-                log(f"waiting for a service at {', '.join(options.connect) or 'the endpoints of the file'}")
+        session = connection.session
+        if session is not None:
+            return session
+        if not waiting and time.monotonic() - begin > PATIENCE_S:
+            log(f"waiting for a service at {', '.join(options.connect) or 'the endpoints of the file'}")
             waiting = True
-            time.sleep(RETRY_S)
+        time.sleep(0.02)
     return None
 
 
@@ -229,7 +237,7 @@ def _never_connected(scenario: Scenario) -> Summary:
 
 
 class _Flag:
-    """Set by a signal handler. (An event of ``threading`` takes a lock, which a handler must not.)"""
+    """Raised by a signal handler; a ``threading.Event`` would take a lock there, which can block for good."""
 
     def __init__(self) -> None:
         self.up = False
