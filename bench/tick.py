@@ -21,7 +21,7 @@ from ssm_service.monitor import Decision, Monitor, default_valid_for
 from ssm_service.wire import VALUES, Decoder, command_message, zone_message
 from ssm_service.wire.messages import INPUTS
 
-from .common import Report, Row, figure, parser, percentiles, progress
+from .common import PERCENTILES, Report, Row, figure, parser, percentiles, progress
 from .scenes import HOW_DRAWN, RADIUS_M, Scene, draw_scenes
 
 COUNTS = (1, 10, 100)
@@ -38,14 +38,14 @@ WHAT = {
 }
 NOTES = f"""\
 {WHAT[STEP]}: joints, readings, obstacle poses and target are new in every tick; kinematics, exact nearest \
-pair, zone, limits and command are included. Its inputs are checked values; making them of messages is the row \
-'decode …'. The network itself is in neither.
+pair, zone, limits and command are included. Its inputs are checked values; making them of messages is the \
+row 'decode …'. The network itself is in neither.
 {WHAT[FLOOR]}: the floor, one call on the same hull pieces and spheres, whose poses are written before the \
 clock starts.
 {HOW_DRAWN}
 All variants take turns in blocks of {BLOCK} ticks in random order, so that a drift of the machine hits all \
-alike; in the tight loop the first {WARM_UP} ticks of a block are not counted. The garbage collector is off, as \
-in the service.
+alike; in the tight loop the first {WARM_UP} ticks of a block are not counted. The garbage collector is off, \
+as in the service.
 'per obstacle' is p50 / N; 'to floor' is the ratio of the p50.\
 """
 
@@ -281,7 +281,7 @@ def main() -> None:
         "pace": "pace",
         "timed": "what",
         "obstacles": "N",
-        **{f"{name}_us": f"{name} [µs]" for name in percentiles([0])},
+        **{f"{name}_us": f"{name} [µs]" for name in PERCENTILES},
         "per_obstacle_us": "per obstacle [µs]",
         "ratio_to_floor": "to floor",
     }
