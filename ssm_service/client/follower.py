@@ -1,0 +1,124 @@
+"""The watchdog at work on a session, as an object for control loops."""
+
+from __future__ import annotations
+
+import time
+
+import zenoh
+
+from ..errors import InputError
+from ..wire import Keys
+from ..wire import messages as m
+from .accept import CAPACITY, Channel
+from .connection import Connection
+from .followed import Followed
+from .roundtrip import RoundTrip
+from .watchdog import LONGEST_VALID_NS, Watchdog
+
+
+class Follower:
+    """Follows zone and command of one robot; ``poll`` never waits and always says what holds now.
+
+    A message's time of arrival is not known, only that it came after its channel was last seen empty; that
+    moment is taken, so an age is over- and never under-estimated. When this process itself was held up for
+    longer than a message is valid, even an empty channel proves nothing, as what came meanwhile may still be
+    on its way through a socket: then all is dropped and the ages are proved anew (see ``Watchdog``).
+
+    So it must be polled often, at least twice in ``valid_for_ns`` (20 ms with the service's defaults).
+    Who polls more rarely than once in that time is never given anything but a stop.
+
+    Args:
+        link: An open session, or a ``Connection`` that may still be waiting for one.
+        keys: The robot's keys.
+        longest_valid_ns: Bound of every ``valid_for_ns``.
+    """
+
+    def __init__(
+        self, link: zenoh.Session | Connection, keys: Keys, *, longest_valid_ns: int = LONGEST_VALID_NS
+    ) -> None:
+        self.watchdog = Watchdog(keys.robot, longest_valid_ns)
+        self._link = link
+        self._keys = keys
+        self._channels: tuple[Channel[m.Zone], Channel[m.VelocityCommand]] | None = None
+        self._trip: RoundTrip | None = None
+        self._polled_ns = self._empty_ns = time.monotonic_ns()
+
+    def poll(self, now_ns: int | None = None) -> Followed:
+        """Return what holds now; the same object as long as nothing changed.
+
+        Args:
+            now_ns: ``time.monotonic_ns()`` if the caller has just read it.
+        """
+        now = time.monotonic_ns() if now_ns is None else now_ns
+        before, self._polled_ns = self._polled_ns, now
+        gap = now - before
+        if self._trip is None or self._channels is None:
+            self._attach()
+            return self.watchdog.state(now)
+        if not 0 <= gap <= self.watchdog.valid_for_ns:
+            self._start_over(now)
+        self.watchdog.expire(now)
+        if not self.watchdog.proved:
+            self._prove(self._trip, now)
+        zones, commands = self._channels
+        if self._drain(zones, now) & self._drain(commands, now):
+            # After a longish gap an empty channel may only mean that Zenoh's own threads were held up, too.
+            self._empty_ns = now if 2 * gap <= self.watchdog.valid_for_ns else before
+        state = self.watchdog.state(now)
+        # All this took time, and a process can be stopped anywhere.
+        return state if now_ns is not None else self.watchdog.state(time.monotonic_ns())
+
+    def close(self) -> None:
+        """End the subscriptions; the session stays its owner's."""
+        channels, self._channels, self._trip = self._channels, None, None
+        for channel in channels or ():
+            channel.close()
+
+    def _attach(self) -> None:
+        session = self._link.session if isinstance(self._link, Connection) else self._link
+        if session is None or session.is_closed():
+            return
+        self._channels = (
+            Channel(session, self._keys.output("zone"), m.Zone),
+            Channel(session, self._keys.output("command"), m.VelocityCommand),
+        )
+        self._trip = RoundTrip(session, self._keys.output("zone"))
+
+    def _start_over(self, now: int) -> None:
+        self.watchdog.forget()
+        if self._trip is not None:
+            self._trip.restart(now)
+        for channel in self._channels or ():
+            for _ in range(CAPACITY):
+                if _receive(channel) is None:
+                    break
+
+    def _prove(self, trip: RoundTrip, now: int) -> None:
+        try:
+            answers = trip.step(now)
+            if answers is None:
+                return
+            if len({zone.producer for zone in answers.zones}) > 1:
+                self.watchdog.duplicate(now)
+            self.watchdog.prove(answers.zones[0], answers.asked_ns)
+        except InputError as error:
+            self.watchdog.refuse(error, now)
+
+    def _drain(self, channel: Channel[m.Zone] | Channel[m.VelocityCommand], now: int) -> bool:
+        """Take what waits; return whether the channel was seen empty."""
+        for _ in range(2 * CAPACITY):
+            sample = _receive(channel)
+            if sample is None:
+                return True
+            try:
+                self.watchdog.take(channel.decode(sample), self._empty_ns, now)
+            except InputError as error:
+                self.watchdog.refuse(error, now)
+        return False
+
+
+def _receive(channel: Channel[m.Zone] | Channel[m.VelocityCommand]) -> zenoh.Sample | None:
+    try:
+        return channel.receive()
+    except zenoh.ZError:
+        return None  # the session was closed: nothing will come, and what is held runs out
