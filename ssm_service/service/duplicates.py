@@ -27,19 +27,23 @@ def refuse_duplicate(session: zenoh.Session, keys: Keys) -> None:
             )
 
 
-class ForeignZones:
-    """Listens on our own output for anybody else who speaks there."""
+class ForeignOutputs:
+    """Listens on our own outputs for anybody else who speaks there."""
 
     def __init__(self, session: zenoh.Session, keys: Keys) -> None:
-        self._subscriber = session.declare_subscriber(
-            keys.output("zone"), zenoh.handlers.RingChannel(1), allowed_origin=zenoh.Locality.REMOTE
-        )
+        self._subscribers = [
+            session.declare_subscriber(
+                keys.output(name), zenoh.handlers.RingChannel(1), allowed_origin=zenoh.Locality.REMOTE
+            )
+            for name in ("zone", "command")
+        ]
         self._heard_ns: int | None = None
         self.ever_heard = False
 
     def heard(self, now_ns: int) -> bool:
         """Tell whether somebody else spoke within ``HOLD_NS`` of ``now_ns`` [monotonic ns]."""
-        if self._subscriber.handler.try_recv() is not None:
-            self._heard_ns = now_ns
-            self.ever_heard = True
+        for subscriber in self._subscribers:
+            if subscriber.handler.try_recv() is not None:
+                self._heard_ns = now_ns
+                self.ever_heard = True
         return self._heard_ns is not None and now_ns - self._heard_ns <= HOLD_NS

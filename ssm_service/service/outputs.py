@@ -40,7 +40,7 @@ class Outputs:
         self._robot = keys.robot
         self._producer = producer
         self._profile = profile
-        self._valid_for_ns = valid_for_ns
+        self.valid_for_ns = valid_for_ns
         self._joint_names = joint_names
         self._encoder = msgspec.json.Encoder()
         self._zone = self._publisher(session, keys.output("zone"), m.Zone)
@@ -65,7 +65,7 @@ class Outputs:
             decision,
             producer=self._producer,
             stamp_ns=stamp_ns,
-            valid_for_ns=self._valid_for_ns,
+            valid_for_ns=self.valid_for_ns,
             robot=self._robot,
             profile=self._profile,
             name=self._joint_names,
@@ -74,7 +74,7 @@ class Outputs:
             decision,
             producer=self._producer,
             stamp_ns=stamp_ns,
-            valid_for_ns=self._valid_for_ns,
+            valid_for_ns=self.valid_for_ns,
             robot=self._robot,
             name=self._joint_names,
         )
@@ -87,14 +87,14 @@ class Outputs:
     def publish_stop(self, reason: str) -> None:
         """Publish a protective stop as the decision after the last one, if there was one."""
         if self.last is not None:
-            self.publish(stopped(self.last, reason))
+            self.publish(stopped(self.last, reason, tick=self.last.tick + 1))
 
 
-def stopped(decision: Decision, reason: str) -> Decision:
-    """Return the decision after ``decision``: a protective stop."""
+def stopped(decision: Decision, reason: str, *, tick: int) -> Decision:
+    """Return a protective stop at ``tick`` that is otherwise what ``decision`` saw."""
     return replace(
         decision,
-        tick=decision.tick + 1,
+        tick=tick,
         zone=Zone.STOP,
         momentary_zone=Zone.STOP,
         speed_limit=np.zeros_like(decision.speed_limit),

@@ -17,7 +17,7 @@ from ..monitor import Decision, Monitor
 from ..wire import Keys, encoding_of
 from ..wire import messages as m
 from .child import EvaluatingProcess
-from .duplicates import ForeignZones, refuse_duplicate
+from .duplicates import ForeignOutputs, refuse_duplicate
 from .inputs import InputChannels
 from .loop import Beat, FixedRateLoop
 from .options import ServiceOptions
@@ -76,11 +76,11 @@ class Service:
             valid_for_ns=round(self._monitor.valid_for_s * 1e9),
             joint_names=list(robot.joint_names),
         )
-        self._foreign = ForeignZones(session, self._keys)
+        self._foreign = ForeignOutputs(session, self._keys)
         self._encoder = msgspec.json.Encoder()
         self._config = self._encoder.encode(self._configuration())
         self._tick_times, self._lateness = Timings(), Timings()
-        self._ticks = self._skipped = self._overruns = 0
+        self._ticks = self._skipped = self._overruns = self._held_up_ns = 0
         self.warnings: list[str] = []
         self._started_ns = time.monotonic_ns()
         self._stopping = False
@@ -107,10 +107,10 @@ class Service:
         self._stopping = True
 
     def warn(self, text: str) -> None:
-        """Say something to people now, and to everyone who asks for ``health`` later."""
-        self._log(text)
-        if len(self.warnings) < MAX_WARNINGS:
+        """Say something, once, to people now, and to everyone who asks for ``health`` later."""
+        if text not in self.warnings and len(self.warnings) < MAX_WARNINGS:
             self.warnings.append(text)
+            self._log(text)
 
     @property
     def summary(self) -> str:
@@ -128,24 +128,32 @@ class Service:
             self._skipped += beat.skipped
         heard_before = self._foreign.ever_heard
         duplicate = self._foreign.heard(beat.now_ns)
-        inputs = self._inputs.read(beat.now_ns, overrun_s=beat.overrun_ns * 1e-9, duplicate=duplicate)
+        overrun_ns = max(beat.overrun_ns, self._held_up_ns)
+        inputs = self._inputs.read(beat.now_ns, overrun_s=overrun_ns * 1e-9, duplicate=duplicate)
         try:
             decision = self._monitor.step(inputs)
         except SsmError as error:
             # Whatever the monitor cannot decide is a stop; the inputs were checked, so this is ours to mend.
             decision = self._internal_stop(error)
-        self._outputs.publish(decision)
+        self._outputs.publish(self._if_still_new(decision, beat))
         self._ticks += 1
         if duplicate and not heard_before:
             self.warn(f"another service publishes as '{self._keys.robot}': stop until one of the two ends")
         self._lateness.add(beat.now_ns - beat.deadline_ns)
         self._tick_times.add(time.monotonic_ns() - beat.now_ns)
 
+    def _if_still_new(self, decision: Decision, beat: Beat) -> Decision:
+        """Return the decision, or a stop where this process stood still while it was being made."""
+        took_ns = time.monotonic_ns() - beat.now_ns
+        late = took_ns > self._outputs.valid_for_ns
+        self._held_up_ns = took_ns if late else 0
+        return stopped(decision, "overrun", tick=decision.tick) if late else decision
+
     def _idle(self, until_ns: int) -> None:
         self._replies.serve(until_ns)
         second, of_second = divmod(self._ticks, round(self._options.rate_hz))
-        if of_second == 0 and self._worker.restart_if_dead():
-            self.warn("the evaluating process died and was started again")
+        if of_second == 0:
+            self._look_after_worker()
         if (
             of_second == 1
             and second % COLLECT_EVERY_S == 0
@@ -153,11 +161,18 @@ class Service:
         ):
             gc.collect()
 
+    def _look_after_worker(self) -> None:
+        try:
+            if self._worker.restart_if_dead():
+                self.warn("the evaluating process died and was started again")
+        except OSError as error:
+            self.warn(f"the evaluating process died and could not be started: {error}")
+
     def _internal_stop(self, error: SsmError) -> Decision:
         self.warn(f"the monitor failed and the zone is stop: {error}")
         if self._outputs.last is None:
             raise error
-        return stopped(self._outputs.last, "internal")
+        return stopped(self._outputs.last, "internal", tick=self._outputs.last.tick + 1)
 
     def _stored_replies(self, session: zenoh.Session) -> StoredReplies:
         return StoredReplies(
