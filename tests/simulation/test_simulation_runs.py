@@ -11,6 +11,7 @@ import pytest
 from ssm_service.model import DistanceModel, Robot
 from ssm_service.safety import Zone
 from ssm_service.simulation import MemoryRun, MemoryTick, list_scenarios, load_scenario
+from ssm_service.simulation.world import JOINTS_PERIOD_S, OBSTACLES_PERIOD_S
 
 PERIOD_S = 0.002
 
@@ -53,6 +54,8 @@ class Witness:
         self._note_arrival(tick)
         if index % 20 == 0:
             self._check_zone(tick)
+        if index % 100 == 0:
+            self._check_truth(tick)
 
     def _check_zone(self, tick: MemoryTick) -> None:
         """The zone is never milder than the exact distance between what the monitor was told."""
@@ -68,6 +71,16 @@ class Witness:
         if nearest.distance < self.seen.nearest:
             self.seen.nearest = nearest.distance
         self.seen.nearest_links.add(nearest.link)
+
+    def _check_truth(self, tick: MemoryTick) -> None:
+        """Nor milder than the world as it is, but for what moves within one message of tracker and drive."""
+        obstacles = self.run.world.obstacles()
+        fastest = max([math.hypot(*thing.velocity) for thing in obstacles], default=0.0)
+        slack = (OBSTACLES_PERIOD_S + PERIOD_S) * max(fastest, 1.5) + (JOINTS_PERIOD_S + PERIOD_S) * 0.5
+        self._distance.set_obstacles(obstacles)
+        nearest = self._distance.nearest(self.run.world.plant.position)
+        if nearest is not None:
+            assert tick.decision.zone >= self.run.monitor.profile.zone_at(nearest.distance + slack)
 
     def _note_ranges(self, tick: MemoryTick) -> None:
         ranges = tick.inputs.ranges.value
