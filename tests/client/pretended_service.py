@@ -1,0 +1,173 @@
+"""A service as a stranger would write one: plain Zenoh and JSON, nothing of the package.
+
+Told what to do by JSON lines on stdin; ends when stdin does. ``stamp_ns`` is CLOCK_MONOTONIC here, which all
+processes of a machine share, so that a test can tell how old a decision really is.
+"""
+
+import argparse
+import json
+import sys
+import threading
+import time
+
+import zenoh
+
+NAMES = ["shoulder", "elbow", "wrist"]
+PUBLISHING = {
+    "express": True,
+    "priority": zenoh.Priority.REAL_TIME,
+    "congestion_control": zenoh.CongestionControl.DROP,
+}
+
+
+def options():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--listen")
+    parser.add_argument("--connect")
+    parser.add_argument("--robot", default="arm")
+    parser.add_argument("--producer", default="first")
+    parser.add_argument("--rate", type=float, default=400.0)
+    parser.add_argument("--valid-ms", type=float, default=40.0)
+    parser.add_argument("--mute", action="store_true", help="answer no queries")
+    return parser.parse_args()
+
+
+def session(args):
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "router" if args.listen else "client",
+        "listen/endpoints": [args.listen] if args.listen else [],
+        "connect/endpoints": [args.connect] if args.connect else [],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/link/tx/lease": 100,
+        "transport/link/tx/keep_alive": 4,
+        "transport/link/tx/queue/size/real_time": 16,
+        "transport/link/tcp/so_sndbuf": 8192,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
+class Pretended:
+    def __init__(self, args, session):
+        self.args = args
+        self.session = session
+        self.prefix = f"ssm/{args.robot}/"
+        self.wish = {"zone": "green", "fault": None, "command": True, "publish": True}
+        self.seq = 1000
+        self.zone_bytes = self.command_bytes = b""
+        names = [] if args.mute else ["zone", "command", "health", "config", "frames", "evaluate"]
+        self.queryables = {
+            name: session.declare_queryable(self.prefix + name, zenoh.handlers.FifoChannel(64))
+            for name in names
+        }
+        self.token = session.liveliness().declare_token(self.prefix + "alive")
+
+    def messages(self):
+        fault, stop = self.wish["fault"], self.wish["zone"] == "stop"
+        common = {
+            "producer": self.args.producer,
+            "seq": self.seq,
+            "stamp_ns": time.monotonic_ns(),
+            "valid_for_ns": int(self.args.valid_ms * 1e6),
+            "zone": self.wish["zone"],
+            "name": NAMES,
+            "robot": "another" if fault == "robot" else self.args.robot,
+        }
+        zone = {
+            **common,
+            "profile": "test",
+            "distance": 1.0,
+            "speed_limit": [0.0 if stop else 1.0] * 3,
+            "speed_scaling": 1.0,
+            "nearest": None,
+            "sources": {},
+            "reaction": None,
+            "reasons": ["distance"] if stop else [],
+        }
+        command = {**common, "velocity": [0.0 if stop else 0.5] * 3}
+        if fault == "length":
+            zone["speed_limit"] = [1.0]
+            command["velocity"] = [0.5]
+        if fault == "mismatch":
+            command["zone"] = "yellow"
+        if fault == "unknown_field":
+            zone["zonne"] = command["zonne"] = "green"
+        return self.encoded(zone, fault), self.encoded(command, fault)
+
+    def encoded(self, message, fault):
+        text = json.dumps(message)
+        if fault == "json":
+            text = text[:-7]
+        if fault == "infinite":
+            text = text.replace("0.5", "1e999").replace("[1.0", "[1e999")
+        return text.encode()
+
+    def publish(self):
+        fault = self.wish["fault"]
+        step = {"repeat": 0, "backward": -1}.get(fault, 1)
+        self.seq += step
+        self.zone_bytes, self.command_bytes = self.messages()
+        if not self.wish["publish"]:
+            return
+        for name, schema, payload in (
+            ("zone", "Zone", self.zone_bytes),
+            ("command", "VelocityCommand", self.command_bytes),
+        ):
+            if name == "command" and not self.wish["command"]:
+                continue
+            encoding = "application/json" if fault == "encoding" else f"application/json;ssm.{schema}/1"
+            if fault == "delete":
+                self.session.delete(self.prefix + name)
+            else:
+                self.session.put(self.prefix + name, payload, encoding=encoding, **PUBLISHING)
+
+    def serve(self):
+        for name, queryable in self.queryables.items():
+            while (query := queryable.handler.try_recv()) is not None:
+                with query:
+                    self.answer(name, query)
+
+    def answer(self, name, query):
+        key, asked = self.prefix + name, b"" if query.payload is None else query.payload.to_bytes()
+        if name == "zone":
+            query.reply(key, self.zone_bytes, encoding="application/json;ssm.Zone/1")
+        elif name == "command":
+            query.reply(key, self.command_bytes, encoding="application/json;ssm.VelocityCommand/1")
+        elif name == "config":
+            query.reply(key, b'{"rate_hz": 400}')
+        elif name == "health":
+            query.reply(key, b'{"not": "a health message"}')
+        elif name == "frames":
+            query.reply_err(b'{"error": "no fresh joint state"}')
+        else:
+            entries = json.loads(asked)
+            query.reply(key, json.dumps([{"error": f"{len(entries)}:{e['position'][0]}"} for e in entries]))
+
+    def listen_to_wishes(self):
+        for line in sys.stdin:
+            self.wish.update(json.loads(line))
+        self.wish["end"] = True
+
+    def run(self):
+        threading.Thread(target=self.listen_to_wishes, daemon=True).start()
+        self.publish()
+        print("ready", flush=True)
+        period = 1.0 / self.args.rate
+        due = time.monotonic()
+        while "end" not in self.wish:
+            self.publish()
+            self.serve()
+            due = max(due + period, time.monotonic())
+            time.sleep(max(due - time.monotonic(), 0.0))
+
+
+def main():
+    args = options()
+    with session(args) as opened:
+        Pretended(args, opened).run()
+
+
+if __name__ == "__main__":
+    main()
