@@ -1,0 +1,210 @@
+"""What is wrong or weak in a robot file: everything is loaded as the service would load it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from ..config import ProfileConfig, RobotFile, load_robot_config
+from ..errors import ConfigError, listed, shown
+from ..model import DistanceModel, Robot
+from .findings import Finding, Report
+
+WALKING_SPEED_M_S: Final = 1.6
+"""How fast people are taken to walk towards a machine (ISO 13855)."""
+
+REFERENCE_RATE_HZ: Final = 500.0
+"""The default rate, for times that the file counts in ticks."""
+
+
+def check_robot(name_or_path: str) -> Report:
+    """Check a robot file.
+
+    Raises:
+        ConfigError: The file cannot be read at all: it is missing, or no TOML.
+    """
+    path = name_or_path
+    findings: list[Finding] = []
+    try:
+        config = load_robot_config(name_or_path)
+        path = config.path
+        robot = Robot(config)
+        findings.append(_loaded(robot))
+        DistanceModel(robot)
+        findings.append(_monitored(robot))
+    except ConfigError as error:
+        if not error.key:
+            raise
+        text = f"found {shown(error.found)}, allowed: {error.allowed}"
+        return Report(error.file, "robot", [*findings, Finding("fault", error.key, text)])
+    file = config.file
+    for rule in (_reach, _blind_angles, _readings, _timeouts, _not_required, _recovery, _speeds):
+        findings.extend(rule(robot, file))
+    findings.extend(_unmonitored(robot))
+    return Report(path, "robot", findings)
+
+
+def _loaded(robot: Robot) -> Finding:
+    free = [robot.joint_names[i] for i in robot.free]
+    return Finding(
+        "ok", "urdf", f"{len(robot.joint_names)} joints, {len(free)} of them free ({listed(free)}); "
+        f"{robot.sensor_count} sensors in {len(robot.rings)} rings"
+    )  # fmt: skip
+
+
+def _monitored(robot: Robot) -> Finding:
+    return Finding("ok", "links", f"meshes and hulls of {listed(robot.monitored_links)}")
+
+
+def _unmonitored(robot: Robot) -> Iterator[Finding]:
+    left_out = [link for link in robot.geometry_of_link if link not in robot.monitored_links]
+    if left_out:
+        yield Finding(
+            "weak", "links", f"not monitored, though they have collision geometry: {listed(left_out)}"
+        )
+    bare = [
+        frame.name
+        for frame in robot.model.frames
+        if frame.type.name == "BODY" and frame.parentJoint > 0 and frame.name not in robot.geometry_of_link
+    ]
+    if bare:
+        yield Finding(
+            "note",
+            "urdf",
+            f"moving links without collision geometry, whose distance nobody measures: {listed(bare)}",
+        )
+
+
+def _reach(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    """Compare what silence of the sensors proves with the zones' distances."""
+    for i, ring in enumerate(file.rings):
+        for name, profile in file.profiles.items():
+            for zone in ("red", "yellow"):
+                edge = getattr(profile, zone).distance_m
+                key, field = f"rings[{i}].range_max_m", f"profiles.{name}.{zone}.distance_m"
+                if ring.range_max_m < edge:
+                    level = "weak" if file.sources.obstacles.required else "fault"
+                    text = f"{ring.range_max_m:g} m: no echo does not prove {field} = {edge:g} m to be free"
+                    yield Finding(level, key, text)  # type: ignore[arg-type]
+                elif ring.range_max_m - ring.accuracy_m < edge:
+                    text = f"{ring.range_max_m - ring.accuracy_m:g} m with its accuracy, below {field} = {edge:g} m"
+                    yield Finding("weak", key, text)
+        nearest_edge = min(profile.red.distance_m for profile in file.profiles.values())
+        if ring.range_min_m > 0.0:
+            text = f"what is nearer than {ring.range_min_m:g} m may give no echo, and silence counts as free"
+            yield Finding(
+                "fault" if ring.range_min_m >= nearest_edge else "weak", f"rings[{i}].range_min_m", text
+            )
+
+
+def _blind_angles(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    for i, ring in enumerate(file.rings):
+        seen = ring.count * ring.field_of_view_deg
+        if seen < 360.0:
+            yield Finding(
+                "weak",
+                f"rings[{i}]",
+                f"{ring.count} cones of {ring.field_of_view_deg:g}° see {seen:g}° of 360° round "
+                f"{ring.parent_frame}; what is between them gives no echo, and silence counts as free",
+            )
+
+
+def _readings(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    for i, ring in enumerate(file.rings):
+        if ring.accuracy_m > 0.0:
+            text = f"readings may be off by {ring.accuracy_m:g} m, and zones take them as they are"
+            yield Finding("weak", f"rings[{i}].accuracy_m", text)
+        timeout = file.sources.ranges.timeout_s
+        key = "sources.ranges.timeout_s"
+        if timeout <= ring.period_s:
+            text = (
+                f"{timeout:g} s is not above rings[{i}].period_s = {ring.period_s:g} s: stale between scans"
+            )
+            yield Finding("fault", key, text)
+        elif timeout < 2.0 * ring.period_s:
+            text = (
+                f"{timeout:g} s is below two scans of {ring.period_s:g} s: one lost message stops the robot"
+            )
+            yield Finding("weak", key, text)
+
+
+def _timeouts(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    """Compare how far a person walks while a source may be silent with the zones' distances."""
+    edge = max(profile.yellow.distance_m for profile in file.profiles.values())
+    for name in ("joints", "ranges", "obstacles"):
+        source = getattr(file.sources, name)
+        if name == "ranges" and not file.rings:
+            continue
+        walked = WALKING_SPEED_M_S * source.timeout_s
+        if name != "joints" and walked > edge:
+            yield Finding(
+                "weak",
+                f"sources.{name}.timeout_s",
+                f"in {source.timeout_s:g} s of silence a person walks {walked:.2f} m (ISO 13855, "
+                f"{WALKING_SPEED_M_S:g} m/s), through all of the yellow zone ({edge:g} m)",
+            )
+
+
+def _not_required(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    for name, other in (("ranges", "obstacles"), ("obstacles", "ranges")):
+        if getattr(file.sources, name).required or (name == "ranges" and not file.rings):
+            continue
+        text = f"until its first message nobody misses it, and zones come from {other} alone"
+        yield Finding("weak", f"sources.{name}.required", f"false: {text}")
+    if not file.rings:
+        yield Finding("weak", "rings", "none: all perception is tracked obstacles")
+
+
+def _recovery(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    slowest = max((ring.period_s for ring in file.rings), default=0.0)
+    for name, profile in file.profiles.items():
+        time_s = profile.recovery_ticks / REFERENCE_RATE_HZ
+        if time_s < slowest:
+            yield Finding(
+                "weak",
+                f"profiles.{name}.recovery_ticks",
+                f"{profile.recovery_ticks} ticks: {time_s:g} s at {REFERENCE_RATE_HZ:g} Hz, less than a scan "
+                f"of {slowest:g} s: one scan without an echo is enough for a milder zone",
+            )
+
+
+def _speeds(robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    override = file.limits.velocity_rad_s
+    for name, wanted in override.items():
+        limit = float(robot.velocity_limit[robot.joint_names.index(name)])
+        if limit < wanted:
+            text = f"{wanted:g} has no effect: the URDF's {limit:g} is smaller"
+            yield Finding("weak", f"limits.velocity_rad_s.{name}", text)
+    from_urdf = [joint for joint in robot.joint_names if joint not in override]
+    if from_urdf:
+        speeds = {float(robot.velocity_limit[robot.joint_names.index(joint)]) for joint in from_urdf}
+        values = listed(f"{speed:g}" for speed in sorted(speeds))
+        text = f"green lets them run at the URDF's limits ({values} rad/s or m/s): {listed(from_urdf)}"
+        yield Finding("note", "limits.velocity_rad_s", text)
+    for name, profile in file.profiles.items():
+        yield from _useless_zones(robot, name, profile)
+    endless = [
+        joint
+        for joint, low, high in zip(
+            robot.joint_names, robot.position_lower, robot.position_upper, strict=True
+        )
+        if np.isinf(low) or np.isinf(high)
+    ]
+    if endless:
+        yield Finding("note", "urdf", f"joints without position limits: {listed(endless)}")
+
+
+def _useless_zones(robot: Robot, name: str, profile: ProfileConfig) -> Iterator[Finding]:
+    for zone in ("red", "yellow"):
+        speed = getattr(profile, zone).joint_speed_rad_s
+        unslowed = [
+            j for j, limit in zip(robot.joint_names, robot.velocity_limit, strict=True) if speed >= limit
+        ]
+        if unslowed:
+            level = "fault" if len(unslowed) == len(robot.joint_names) else "weak"
+            text = (
+                f"{speed:g} is not below the joint's own limit, so {zone} slows nothing: {listed(unslowed)}"
+            )
+            yield Finding(level, f"profiles.{name}.{zone}.joint_speed_rad_s", text)  # type: ignore[arg-type]

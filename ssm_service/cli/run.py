@@ -1,0 +1,58 @@
+"""``ssm run``: the service."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from .options import (
+    NameOption,
+    ProfileOption,
+    RateOption,
+    RobotOption,
+    SecondsOption,
+    ZenohConfigOption,
+    checked_seconds,
+)
+from .output import log
+
+
+def run(
+    robot: RobotOption = "ur3",
+    name: NameOption = None,
+    profile: ProfileOption = None,
+    rate: RateOption = 500.0,
+    listen: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--listen",
+            metavar="ENDPOINT",
+            help="Endpoint to listen on; may be repeated.  \\[tcp/127.0.0.1:7447 if nothing else is said]",
+            show_default=False,
+        ),
+    ] = None,
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--connect", metavar="ENDPOINT", help="Endpoint to dial, e.g. a router's; may be repeated."
+        ),
+    ] = None,
+    zenoh_config: ZenohConfigOption = None,
+    seconds: SecondsOption = None,
+) -> None:
+    """Run the service: joints, readings and obstacles in; zone, limits and command out."""
+    checked_seconds("--seconds", seconds)
+    from ..service import ServiceOptions, run_service
+
+    options = ServiceOptions(
+        robot=robot,
+        name=name,
+        profile=profile,
+        rate_hz=rate,
+        listen=tuple(listen or ()),
+        connect=tuple(connect or ()),
+        zenoh_config=zenoh_config,
+        seconds=seconds,
+    )
+    run_service(options, log)

@@ -1,0 +1,43 @@
+"""Messages in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..wire.messages import Zone
+
+
+def metres(distance: float | None) -> str:
+    """Return a distance in words; a dash where there is none."""
+    return "–" if distance is None else f"{distance:.3f} m"
+
+
+def limit_words(limits: list[float] | tuple[float, ...]) -> str:
+    """Return joint speed limits as one number, or as their span."""
+    if not limits:
+        return "–"
+    low, high = min(limits), max(limits)
+    return f"{low:.2f} rad/s" if low == high else f"{low:.2f}–{high:.2f} rad/s"
+
+
+def nearest_words(message: Zone) -> str:
+    """Return what is nearest to what; empty where nothing was seen."""
+    nearest = message.nearest
+    if nearest is None:
+        return ""
+    what = "an echo" if nearest.obstacle is None else nearest.obstacle
+    return f"{what} – {nearest.link}"
+
+
+def zone_line(message: Zone) -> str:
+    """Return a zone on one readable line."""
+    parts = [f"{message.robot}: {message.zone}"]
+    if message.distance is not None:
+        parts.append(f"{metres(message.distance)} ({nearest_words(message)})")
+    else:
+        parts.append("nothing seen")
+    parts.append(f"limit {limit_words(message.speed_limit)}")
+    if message.reasons:
+        parts.append(", ".join(message.reasons))
+    return " · ".join(parts)
