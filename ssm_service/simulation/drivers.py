@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import uuid
+from typing import Any
 
 import msgspec
 import zenoh
@@ -53,46 +54,26 @@ class Drivers:
 
     def messages(self, emitted: Emitted) -> list[m.Message]:
         """Return the messages for what is there, numbered and stamped."""
-        stamp_ns = time.time_ns()
-        result: list[m.Message] = []
-        if emitted.joints is not None:
-            result.append(
-                m.JointState(
-                    producer=self.producer,
-                    seq=self._next("joints"),
-                    stamp_ns=stamp_ns,
-                    name=self._names,
-                    position=emitted.joints.position[self._order].tolist(),
-                    velocity=emitted.joints.velocity[self._order].tolist(),
-                )
+        made: list[m.Message] = []
+        if (joints := emitted.joints) is not None:
+            position, velocity = joints.position[self._order].tolist(), joints.velocity[self._order].tolist()
+            made.append(
+                m.JointState(**self._head("joints"), name=self._names, position=position, velocity=velocity)
             )
         if emitted.ranges is not None:
-            readings = optional_readings(emitted.ranges)
-            result.append(
-                m.Ranges(producer=self.producer, seq=self._next("ranges"), stamp_ns=stamp_ns, ranges=readings)
-            )
+            made.append(m.Ranges(**self._head("ranges"), ranges=optional_readings(emitted.ranges)))
         if emitted.obstacles is not None:
             entries = [_entry(obstacle) for obstacle in emitted.obstacles]
-            result.append(
-                m.Obstacles(
-                    producer=self.producer, seq=self._next("obstacles"), stamp_ns=stamp_ns, obstacles=entries
-                )
-            )
-        if emitted.target is not None:
-            result.append(
-                m.Target(
-                    producer=self.producer,
-                    seq=self._next("target"),
-                    stamp_ns=stamp_ns,
-                    kind=emitted.target.kind,  # type: ignore[arg-type]
-                    value=emitted.target.value.tolist(),
-                )
-            )
-        return result
+            made.append(m.Obstacles(**self._head("obstacles"), obstacles=entries))
+        if (target := emitted.target) is not None:
+            kind: Any = target.kind
+            made.append(m.Target(**self._head("target"), kind=kind, value=target.value.tolist()))
+        return made
 
-    def _next(self, source: str) -> int:
+    def _head(self, source: str) -> dict[str, Any]:
+        """Return what every message of a source begins with."""
         self._seq[source] += 1
-        return self._seq[source]
+        return {"producer": self.producer, "seq": self._seq[source], "stamp_ns": time.time_ns()}
 
 
 _SOURCE = {kind: source for source, kind in m.INPUTS.items()}
