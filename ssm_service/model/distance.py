@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .exact import ExactTier, Measured
-from .hulls import build_parts
+from .hulls import Part, build_parts
 from .robot import Robot
 from .scene import Scene
 from .shapes import Obstacle
@@ -44,9 +44,11 @@ class ClosestPair:
 class DistanceModel:
     """Distances between a robot's monitored links and a changing set of obstacles.
 
-    Two tiers. Every link's mesh lies in a few convex pieces; one call of Pinocchio measures all of them
-    against all obstacles, which gives bounds that are never too large. The exact tier then measures pairs
-    to the triangles, in rising order of their bounds, until the next bound reaches the best exact distance.
+    Every link's mesh lies in a few convex pieces, whose distance is never too large. One call of Pinocchio
+    measures all of them against all obstacles, where all are asked for. The nearest pair needs few of them:
+    balls round pieces and obstacles bound all pairs in one expression, hull pieces are measured in rising
+    order of these, and pairs to the triangles in rising order of the hulls', each until the next bound
+    reaches the best distance found.
 
     In penetration beyond what the mesh can tell (an obstacle's centre inside a hull piece, or its core
     through the surface) distance, points and normal are those of the deepest hull piece, which is never
@@ -90,19 +92,18 @@ class DistanceModel:
         q = self._robot.pinocchio_configuration(position)
         if not self._ids:
             return None
-        hulls = self._scene.compute(q)
-        first = hulls.index(min(hulls))
-        best = self._measure(first, hulls, math.inf)
+        search = _Search(self._scene, self._scene.place(q))
+        first = search.nearest_hull()
+        best = self._measure(first, search.with_part(first, self._part_of(first)), math.inf)
         limit = best.distance if best else math.inf
         seen = {self._pair_of(first)}
-        below = sorted([(bound, index) for index, bound in enumerate(hulls) if bound - _SLACK_M < limit])
-        for bound, index in below:
+        for bound, index in search.hulls_below(limit + _SLACK_M):
             if bound - _SLACK_M >= limit:
                 break
             pair = self._pair_of(index)
             if pair not in seen:
                 seen.add(pair)
-                better = self._measure(index, hulls, limit)
+                better = self._measure(index, search.with_part(index, self._part_of(index)), limit)
                 if better is not None:
                     best, limit = better, better.distance
         return self._closest_pair(best) if best else None
@@ -146,6 +147,9 @@ class DistanceModel:
                 pairs.append(self._closest_pair(nearest))
         return pairs
 
+    def _part_of(self, index: int) -> Part:
+        return self._part_of_piece[index % self._scene.piece_count]
+
     def _pair_of(self, index: int) -> tuple[int, int]:
         """Return the first piece of the part, and the obstacle, that an index into the hulls speaks of."""
         obstacle, piece = divmod(index, self._scene.piece_count)
@@ -167,3 +171,48 @@ class DistanceModel:
             point_on_obstacle=obstacle_point,
             normal=normal,
         )
+
+
+class _Search:
+    """Hull distances measured only where the balls' bounds say that they could matter.
+
+    Indices speak of obstacle and piece, ``obstacle * piece_count + piece``, as in ``Scene.compute``.
+    """
+
+    def __init__(self, scene: Scene, bounds: NDArray[np.float64]) -> None:
+        self._scene = scene
+        self._bounds = bounds.ravel() - _SLACK_M  # rounding, with plenty of room
+        self._hulls = [math.inf] * self._bounds.size
+        self._measured: set[int] = set()
+
+    def nearest_hull(self) -> int:
+        """Return the index of the least hull distance."""
+        best = int(self._bounds.argmin())
+        for index in self._below(self._hull(best)):
+            if self._bounds[index] >= self._hulls[best]:
+                break
+            if self._hull(index) < self._hulls[best]:
+                best = index
+        return best
+
+    def hulls_below(self, limit: float) -> list[tuple[float, int]]:
+        """Return all hull distances below a limit [m] with their indices, in rising order."""
+        return sorted([(hull, index) for index in self._below(limit) if (hull := self._hull(index)) < limit])
+
+    def with_part(self, index: int, part: Part) -> list[float]:
+        """Return the hull distances, in which all of a part's, to the obstacle of ``index``, are measured."""
+        start = index - index % self._scene.piece_count
+        for piece in range(part.first, part.last):
+            self._hull(start + piece)
+        return self._hulls
+
+    def _below(self, limit: float) -> list[int]:
+        near = np.flatnonzero(self._bounds < limit)
+        order: list[int] = near[self._bounds[near].argsort(kind="stable")].tolist()
+        return order
+
+    def _hull(self, index: int) -> float:
+        if index not in self._measured:
+            self._measured.add(index)
+            self._hulls[index] = self._scene.measure(*divmod(index, self._scene.piece_count))
+        return self._hulls[index]

@@ -16,6 +16,7 @@ from .scene import Scene, Slot
 _INSIDE_M: Final = 2e-6  # [m]; GJK is off by up to 1.7 µm: nearer than this to a hull counts as inside
 _TIGHT_M: Final = 2e-6  # [m]; bounds this close to each other are taken as equal
 _TOUCH_M: Final = 1e-9
+_NEAR_HULL_M: Final = 1e-3
 _FARTHEST_M: Final = 1e5
 """No distance of a robot to an obstacle within 1 km is beyond this; Coal's 'not computed' is."""
 
@@ -80,14 +81,14 @@ class ExactTier:
         hull = min(distances)
         slot = self._scene.slots[obstacle]
         transform_link = coal.Transform3s(self._scene.placement_of(part))
-        if not part.is_mesh or hull == -math.inf or self._centre_inside(part, transform_link, slot, hull):
+        if not part.is_mesh or self._centre_inside(part, transform_link, slot, hull):
             return self._by_hull(part, transform_link, obstacle, limit)
         piece = part.first + distances.index(hull)
         core_limit = max(limit + slot.radius, _TOUCH_M)  # above 0, or a core through the surface goes unseen
-        distance = self._to_core(part, transform_link, slot, piece, core_limit)
+        distance = self._to_core(part, transform_link, slot, piece, hull, core_limit)
         if distance == core_limit < _FARTHEST_M:
             return None  # the limit was not beaten; Coal has no points then
-        if 0.0 < distance < _FARTHEST_M or (distance == 0.0 and slot.shape == "sphere"):
+        if 0.0 < distance < _FARTHEST_M:
             if not distance - slot.radius < limit:
                 return None
             link_point, core_point = self._result.getNearestPoint1(), self._result.getNearestPoint2()
@@ -115,7 +116,9 @@ class ExactTier:
                 best = Measured(distance, part, obstacle, part.first + index, False, *points, normal)
         return best
 
-    def _to_core(self, part: Part, transform_link: Any, slot: Slot, piece: int, limit: float) -> float:
+    def _to_core(
+        self, part: Part, transform_link: Any, slot: Slot, piece: int, hull: float, limit: float
+    ) -> float:
         """Return the distance from mesh to core, or ``limit`` where it is not below it [m]."""
         if slot.core is slot.solid:
             # A triangle against a solid is slow. The mesh's distance to the solid's point nearest to the hull
@@ -134,6 +137,13 @@ class ExactTier:
             if upper < min(limit, hull + _TIGHT_M):
                 return upper
             seed = upper + _TIGHT_M
+            if seed < limit:
+                distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
+                if distance != seed:
+                    return distance
+        else:
+            # The hull mostly lies on the mesh: a limit just above it prunes nearly all triangles.
+            seed = hull + slot.radius + _NEAR_HULL_M
             if seed < limit:
                 distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
                 if distance != seed:

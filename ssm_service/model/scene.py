@@ -69,6 +69,12 @@ class Scene:
         self._data = robot.model.createData()
         self._capacity = dict(_FIRST_CAPACITY)
         self._shapes: tuple[str, ...] = ()
+        self._balls = [_ball(piece) for part in parts for piece in part.pieces]
+        self._pieces = [piece for part in parts for piece in part.pieces]
+        self._piece_radii = np.array([radius for _, radius in self._balls])
+        self._centres = np.empty((0, 3))
+        self._reach = np.empty((0, len(self._pieces)))
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._build()
 
     def set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
@@ -86,6 +92,9 @@ class Scene:
                 rotation = obstacle.rotation()
                 slot.placement.rotation = rotation
                 slot.transform_core.setRotation(rotation)
+        self._centres = np.array([obstacle.position for obstacle in obstacles]).reshape(-1, 3)
+        radii = np.array([_ball_radius(obstacle) for obstacle in obstacles])
+        self._reach = radii[:, np.newaxis] + self._piece_radii
 
     def compute(self, q: NDArray[np.float64]) -> list[float]:
         """Compute the signed distances of all pieces to all obstacles.
@@ -98,6 +107,33 @@ class Scene:
         if not abs(sum(distances)) < _FAILED:  # one sum finds NaN, inf and Coal's 1.8e308
             distances = [d if abs(d) < _FAILED else -math.inf for d in distances]
         return distances
+
+    def place(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Place everything without measuring it, and bound each distance by balls round piece and obstacle.
+
+        Returns:
+            (n_obstacles, n_pieces) [m], never above the distance of the hull piece.
+        """
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
+        placements = self._geometry_data.oMg
+        pieces = np.array([placements[i].act(centre) for i, (centre, _) in enumerate(self._balls)])
+        apart = self._centres[:, np.newaxis] - pieces
+        bounds: NDArray[np.float64] = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)) - self._reach
+        return bounds
+
+    def measure(self, obstacle: int, piece: int) -> float:
+        """Return the signed distance of one hull piece to one obstacle [m]; ``-inf`` where Coal failed."""
+        slot = self.slots[obstacle]
+        self._result.clear()
+        distance = coal.distance(
+            self._pieces[piece],
+            coal.Transform3s(self._geometry_data.oMg[piece]),
+            slot.solid,
+            slot.transform_core,
+            self._request,
+            self._result,
+        )
+        return float(distance) if abs(distance) < _FAILED else -math.inf
 
     def placement_of(self, part: Part) -> Any:
         """Return the pose of a part's geometry in the base frame, as of the last computation."""
@@ -181,6 +217,27 @@ class Scene:
             size=(),
             active=True,
         )
+
+
+def _ball(piece: Any) -> tuple[NDArray[np.float64], float]:
+    """Return centre, (3,), and radius of a ball round a convex piece [m], in the piece's frame."""
+    if isinstance(piece, coal.ConvexBase):
+        points = np.array(piece.points())
+        centre = (points.min(axis=0) + points.max(axis=0)) / 2.0
+        return centre, float(np.linalg.norm(points - centre, axis=1).max())
+    piece.computeLocalAABB()
+    return np.array(piece.aabb_center), float(piece.aabb_radius)
+
+
+def _ball_radius(obstacle: Obstacle) -> float:
+    """Return the radius of a ball round an obstacle, about its position [m]."""
+    if obstacle.shape == "sphere":
+        return obstacle.size[0]
+    if obstacle.shape == "capsule":
+        return obstacle.size[0] + 0.5 * obstacle.size[1]
+    if obstacle.shape == "cylinder":
+        return math.hypot(obstacle.size[0], 0.5 * obstacle.size[1])
+    return 0.5 * math.hypot(*obstacle.size)
 
 
 def _solid(shape: str) -> Any:

@@ -36,7 +36,11 @@ def raw(robot, world, position, link, shape, centre):
     return coal.distance(mesh, coal.Transform3s(pose), shape, place, coal.DistanceRequest(), result)
 
 
-def test_trap_1_a_ball_inside_a_mesh(robot, world, model):
+SMALL = {"sphere": (0.002,), "capsule": (0.002, 0.004), "cylinder": (0.002, 0.004), "box": (0.003,) * 3}
+
+
+@pytest.mark.parametrize("shape", SMALL)
+def test_trap_1_an_obstacle_inside_a_mesh(robot, world, model, shape):
     position = robot.rest_position
     corners = world.triangles(position, "forearm_link")
     rng = np.random.default_rng(1)
@@ -44,10 +48,24 @@ def test_trap_1_a_ball_inside_a_mesh(robot, world, model):
     within = [p for p in points if inside(corners, p)]
     centre = max(within, key=lambda p: raw(robot, world, position, "forearm_link", coal.Sphere(0.0), p))
     assert raw(robot, world, position, "forearm_link", coal.Sphere(0.002), centre) > 0.005  # 'far'
-    model.set_obstacles([Obstacle(id="o", shape="sphere", size=(0.002,), position=tuple(centre))])
+    model.set_obstacles([Obstacle(id="o", shape=shape, size=SMALL[shape], position=tuple(centre))])
     nearest = model.nearest(position)
     assert nearest.link == "forearm_link"
     assert nearest.distance < -0.01
+
+
+@pytest.mark.parametrize("gap", [1e-4, 1e-6, 1e-8, 0.0, -1e-6, -1e-4])
+def test_normal_of_a_grazing_floor(robot, world, model, gap):
+    """Nearer than GJK can tell, two witness points are one: their difference is no direction."""
+    position = np.array([0.0, -1.0, 1.3, 0.2, 0.5, 0.1])
+    lowest = world.triangles(position, "forearm_link")[..., 2].min()
+    middle = world.triangles(position, "forearm_link").reshape(-1, 3).mean(axis=0)
+    place = (middle[0], middle[1], lowest - gap - 0.05)
+    for shape, size in (("box", (0.6, 0.6, 0.1)), ("cylinder", (0.3, 0.1))):
+        model.set_obstacles([Obstacle(id="o", shape=shape, size=size, position=place)])
+        pair = next(p for p in model.all_pairs(position) if p.link == "forearm_link")
+        assert pair.distance == pytest.approx(gap, abs=5e-6)
+        assert pair.normal == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
 
 
 @pytest.mark.parametrize("shape", ["sphere", "capsule", "cylinder", "box"])
