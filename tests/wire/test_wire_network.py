@@ -1,0 +1,68 @@
+"""Keys and Zenoh configurations."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from ssm_service.errors import ConfigError, ServiceError
+from ssm_service.wire import Keys, robot_of
+from ssm_service.wire.session import open_session, zenoh_config
+
+
+def test_keys_are_those_of_the_contract():
+    keys = Keys("ur3")
+    assert keys.input("joints") == "ssm/ur3/in/joints"
+    assert keys.output("zone") == "ssm/ur3/zone"
+    assert keys.alive == "ssm/ur3/alive"
+    assert robot_of(keys.alive) == "ur3"
+
+
+@pytest.mark.parametrize(
+    "name", ["", "a/b", "*", "**", "a*", "$*", "a b", "ü", "-a", ".", "a" * 65, "a#", "a?b"]
+)
+def test_a_name_that_could_mean_other_keys_is_refused(name):
+    with pytest.raises(ConfigError) as caught:
+        Keys(name)
+    assert caught.value.file == "--name"
+
+
+def test_the_configuration_is_closed_and_quick():
+    config = zenoh_config("router", listen=["tcp/127.0.0.1:7447"])
+    assert json.loads(config.get_json("scouting/multicast/enabled")) is False
+    assert json.loads(config.get_json("scouting/gossip/enabled")) is False
+    assert json.loads(config.get_json("mode")) == "router"
+    assert json.loads(config.get_json("transport/link/tx/lease")) == 100
+    assert json.loads(config.get_json("transport/shared_memory/enabled")) is False
+
+
+def test_a_file_holds_where_nothing_else_is_said(tmp_path):
+    file = tmp_path / "zenoh.json5"
+    file.write_text(
+        '{mode: "peer", listen: {endpoints: ["tcp/127.0.0.1:1"]}, transport: {link: {tx: {lease: 777}}}}'
+    )
+    config = zenoh_config("router", file=file)
+    assert json.loads(config.get_json("mode")) == "peer"
+    assert json.loads(config.get_json("transport/link/tx/lease")) == 777
+    assert json.loads(config.get_json("listen/endpoints")) == ["tcp/127.0.0.1:1"]
+
+
+@pytest.mark.parametrize("content", ["", "{", "{modee: 1}", '{mode: "boss"}', "\x00"])
+def test_a_wrong_file_is_named(tmp_path, content):
+    file = tmp_path / "zenoh.json5"
+    file.write_text(content)
+    with pytest.raises(ConfigError) as caught:
+        zenoh_config("router", file=file)
+    assert caught.value.file == str(file)
+
+
+@pytest.mark.parametrize("endpoint", ["7447", "tcp", "tcp/", "http//x", ""])
+def test_a_wrong_endpoint_is_an_error_of_ours(endpoint):
+    with pytest.raises((ConfigError, ServiceError)):
+        open_session(zenoh_config("router", listen=[endpoint])).close()
+
+
+def test_a_client_says_at_once_that_nobody_listens():
+    with pytest.raises(ServiceError):
+        open_session(zenoh_config("client", connect=["tcp/127.0.0.1:1"]))
