@@ -75,7 +75,9 @@ class Source(Generic[T]):
             raise InputError("not_put", "sample", "a delete", "a put")
         message = self._decoder.decode(sample.payload.to_bytes())
         seconds = now_ns * 1e-9
-        self.gate.check(message.producer, message.seq, seconds)
+        # Another producer must have come a timeout later than the present one's last message, however long
+        # both waited here: a flood that holds up a good driver must not open the door to a second one.
+        self.gate.check(message.producer, message.seq, self._empty_ns * 1e-9)
         self._value = self._to_value(self._robot, message)
         self.gate.accept(message.producer, message.seq, seconds)
         self._arrived_ns = self._empty_ns

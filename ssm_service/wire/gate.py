@@ -30,7 +30,7 @@ class ProducerGate:
         Args:
             producer: Its producer.
             seq: Its sequence number.
-            now: Monotonic time [s].
+            now: Earliest time at which it can have arrived, monotonic [s].
 
         Raises:
             InputError: ``old_seq`` or ``second_producer``.
@@ -44,7 +44,13 @@ class ProducerGate:
             )
 
     def accept(self, producer: str, seq: int, now: float) -> None:
-        """Remember a message that passed every check, this one's and its content's."""
+        """Remember a message that passed every check, this one's and its content's.
+
+        Args:
+            producer: Its producer.
+            seq: Its sequence number.
+            now: Latest time at which it can have arrived, monotonic [s].
+        """
         if producer == self._producer:
             self.lost += seq - self._seq - 1
         self._producer = producer
