@@ -144,7 +144,7 @@ class ExactTier:
         else:
             # The hull mostly lies on the mesh: a limit just above it prunes nearly all triangles.
             seed = hull + slot.radius + _NEAR_HULL_M
-            if seed < limit:
+            if 0.0 < seed < limit:
                 distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
                 if distance != seed:
                     return distance
