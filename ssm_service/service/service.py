@@ -23,7 +23,7 @@ from .loop import Beat, FixedRateLoop
 from .options import ServiceOptions
 from .outputs import Outputs, stopped
 from .queries import JSON, StoredReplies
-from .statistics import Timings
+from .statistics import Timings, resident_bytes
 
 DRAIN_SHARE = 0.3
 """Share of a period that draining the inputs may take."""
@@ -220,5 +220,6 @@ class Service:
             lost={name: source.gate.lost for name, source in sources.items()},
             age_s={name: source.received(now_ns).age_s for name, source in sources.items()},
             queries=dict(self._replies.answered),
+            memory_bytes=resident_bytes(),
             warnings=self.warnings,
         )

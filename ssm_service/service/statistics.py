@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 
@@ -42,3 +44,12 @@ class Rejections:
         """Count one refusal."""
         self.counts.setdefault(source, Counter())[cause] += 1
         self.last[source] = text[:300]
+
+
+def resident_bytes() -> int | None:
+    """Return this process's resident memory [bytes]; ``None`` where the system does not tell."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, ValueError, IndexError):
+        return None
+    return pages * os.sysconf("SC_PAGE_SIZE")
