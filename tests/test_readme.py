@@ -91,8 +91,8 @@ def test_the_seven_joint_arm_of_the_readme(tmp_path):
     robot = Robot.load(path)
     assert len(robot.joint_names) == 7
     monitor = Monitor(robot)
-    hand = robot.kinematics(robot.rest_position).transform_end_effector_to_base[:3, 3]
-    near = Obstacle(id="near", shape="sphere", size=(0.05,), position=tuple(hand + (0.0, 0.0, 0.6)))
+    x, y, z = robot.kinematics(robot.rest_position).transform_end_effector_to_base[:3, 3]
+    near = Obstacle(id="near", shape="sphere", size=(0.05,), position=(x, y, z + 0.6))
     joints = JointSample(position=robot.rest_position, velocity=np.zeros(7))
     for _ in range(40):
         decision = monitor.step(
