@@ -15,6 +15,9 @@ from ..wire.session import open_session, zenoh_config
 RETRY_S = 0.1
 """Between two attempts to open [s]."""
 
+CLOSING_S = 5.0
+"""How long closing waits for an attempt under way [s]."""
+
 
 class Connection:
     """Opens a session in the background, so that nobody has to wait for it.
@@ -70,6 +73,9 @@ class Connection:
             self._trouble = "the connection was closed"
         if session is not None:
             session.close()  # type: ignore[no-untyped-call]
+        if self._thread is not None:
+            # A thread that the interpreter's end finds inside Zenoh makes the whole process abort.
+            self._thread.join(CLOSING_S)
 
     def _keep_opening(self) -> None:
         while not self._closed.is_set():
