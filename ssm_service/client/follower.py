@@ -56,7 +56,7 @@ class Follower:
             self._attach()
             return self.watchdog.state(now)
         if not 0 <= gap <= self.watchdog.valid_for_ns:
-            self._start_over(now)
+            self._start_over(now)  # what was held has expired as well, as it can only be older than the pause
         self.watchdog.expire(now)
         if not self.watchdog.proved:
             self._prove(self._trip, now)

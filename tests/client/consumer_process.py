@@ -9,8 +9,9 @@ from ssm_service.client import Client
 
 def main():
     endpoint, seconds, file = sys.argv[1], float(sys.argv[2]), sys.argv[3]
+    config = sys.argv[4] if len(sys.argv) > 4 else None
     rows = []
-    with Client("arm", connect=(endpoint,)) as client:
+    with Client("arm", connect=(endpoint,), zenoh_config=config) as client:
         end = time.monotonic() + seconds
         print("ready", flush=True)
         for followed in client.stream():

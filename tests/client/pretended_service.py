@@ -28,6 +28,7 @@ def options():
     parser.add_argument("--producer", default="first")
     parser.add_argument("--rate", type=float, default=400.0)
     parser.add_argument("--valid-ms", type=float, default=40.0)
+    parser.add_argument("--patient", action="store_true", help="keep a frozen consumer, and much for it")
     parser.add_argument("--mute", action="store_true", help="answer no queries")
     return parser.parse_args()
 
@@ -40,10 +41,10 @@ def session(args):
         "connect/endpoints": [args.connect] if args.connect else [],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": 100,
+        "transport/link/tx/lease": 10_000 if args.patient else 100,
         "transport/link/tx/keep_alive": 4,
         "transport/link/tx/queue/size/real_time": 16,
-        "transport/link/tcp/so_sndbuf": 8192,
+        "transport/link/tcp/so_sndbuf": 262_144 if args.patient else 8192,
     }.items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)

@@ -145,11 +145,21 @@ def test_a_frozen_service_stops_it_and_what_it_said_before_is_not_believed_after
     assert followed.zone_message.stamp_ns >= resumed
 
 
-def test_a_frozen_consumer_never_yields_what_waited_for_it(spawn, pretended, endpoint, tmp_path):
-    pretended()
+@pytest.mark.parametrize("patient", [False, True], ids=["link_lost", "backlog_in_the_sockets"])
+def test_a_frozen_consumer_never_yields_what_waited_for_it(spawn, pretended, endpoint, tmp_path, patient):
     file = tmp_path / "yields.json"
-    consumer = spawn(HERE / "consumer_process.py", endpoint, 5.0, file)
-    time.sleep(1.5)
+    words = [endpoint, 4.5, file]
+    if patient:
+        # Zenoh's own values: the link outlives the pause, and sockets hold a second and more of decisions.
+        config = {
+            "mode": "client",
+            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        }
+        words.append(tmp_path / "zenoh.json5")
+        words[-1].write_text(json.dumps(config))
+    pretended(**({"patient": True} if patient else {}))
+    consumer = spawn(HERE / "consumer_process.py", *words)
+    time.sleep(1.0)
     os.kill(consumer.process.pid, signal.SIGSTOP)
     time.sleep(2.0)
     resumed = time.monotonic_ns()
@@ -161,7 +171,7 @@ def test_a_frozen_consumer_never_yields_what_waited_for_it(spawn, pretended, end
     assert sum(not row["own"] for row in before) > 50
     # What was under way when the process was stopped expired meanwhile, and says so by its own time.
     acted_on = [row for row in after if not row["own"] and row["now"] < row["expires"]]
-    assert sum(not row["own"] for row in after) - len(acted_on) <= 1
+    assert sum(not row["own"] for row in after) - len(acted_on) <= 3
     assert after[0]["own"] or after[0]["now"] >= after[0]["expires"]
     assert len(acted_on) > 50
     assert acted_on[0]["stamp"] >= resumed

@@ -150,11 +150,13 @@ def test_missing_ticks_are_counted(proved):
 
 def test_a_stop_is_obeyed_without_its_command_and_nothing_older_undoes_it(proved):
     both(proved, 11, 0)
-    proved.take(command(12), 0, 0)
+    proved.take(zone(12), 0, 0)
     proved.take(zone(13, word="stop", speed_limit=[0.0, 0.0], reasons=["contact"]), 0, 0)
     state = proved.state(0)
     assert (state.zone, state.velocity, state.reasons) == (Zone.STOP, (0.0, 0.0), ("contact",))
     assert not state.stopped_by_consumer
+    proved.take(command(12), 0, 0)
+    assert proved.state(0) is state
     assert refused(proved, zone(12), 0) == "old_seq"
     proved.take(zone(14), 0, 0)
     assert proved.state(0) is state

@@ -1,0 +1,173 @@
+"""The follower between its channels and its clock, with both in the test's hands."""
+
+from collections import deque
+
+import pytest
+import zenoh
+
+from ssm_service.client import Follower
+from ssm_service.client.roundtrip import Answers
+from ssm_service.errors import InputError
+from ssm_service.wire import Keys
+from ssm_service.wire import messages as m
+
+MS = 1_000_000
+VALID_NS = 20 * MS
+COMMON = {
+    "producer": "p",
+    "stamp_ns": 0,
+    "valid_for_ns": VALID_NS,
+    "robot": "arm",
+    "zone": "green",
+    "name": ["a"],
+}
+
+
+def zone(seq, producer="p"):
+    return m.Zone(
+        **{**COMMON, "producer": producer},
+        seq=seq,
+        profile="test",
+        distance=None,
+        speed_limit=[1.0],
+        speed_scaling=1.0,
+        nearest=None,
+        sources={},
+        reaction=None,
+        reasons=[],
+    )
+
+
+def command(seq):
+    return m.VelocityCommand(**COMMON, seq=seq, velocity=[0.1])
+
+
+class Channel:
+    def __init__(self):
+        self.waiting = deque()
+        self.endless = None
+
+    def receive(self):
+        return self.endless or (self.waiting.popleft() if self.waiting else None)
+
+    def decode(self, sample):
+        if isinstance(sample, bytes):
+            raise InputError("not_json", "payload", sample, "JSON")
+        return sample
+
+
+class Trip:
+    def __init__(self):
+        self.answers = None
+        self.asked = 0
+        self.restarts = 0
+
+    def restart(self, _now):
+        self.restarts += 1
+
+    def step(self, now):
+        self.asked += 1
+        return self.answers and Answers(zones=self.answers, asked_ns=now)
+
+
+class Bench:
+    """A proved follower at time 0, polled every 2 ms of the test's own time."""
+
+    def __init__(self):
+        self.follower = Follower(None, Keys("arm"))
+        self.zones, self.commands, self.trip = Channel(), Channel(), Trip()
+        self.follower._channels = (self.zones, self.commands)
+        self.follower._trip = self.trip
+        self.follower._polled_ns = self.follower._empty_ns = 0
+        self.trip.answers = (zone(10),)
+
+    def send(self, *seqs):
+        for seq in seqs:
+            self.zones.waiting.append(zone(seq))
+            self.commands.waiting.append(command(seq))
+
+
+@pytest.fixture
+def bench():
+    bench = Bench()
+    assert bench.follower.poll(0).stopped_by_consumer
+    assert bench.follower.watchdog.proved
+    return bench
+
+
+def test_a_message_is_as_old_as_the_last_sight_of_its_empty_channel(bench):
+    bench.follower.poll(2 * MS)
+    bench.send(11)
+    assert bench.follower.poll(8 * MS).expires_ns == 2 * MS + VALID_NS
+
+
+def test_one_channel_seen_empty_is_not_both(bench):
+    bench.zones.waiting.append(zone(11))
+    bench.commands.waiting.append(command(11))
+    bench.commands.endless = command(11)
+    bench.follower.poll(2 * MS)
+    bench.commands.endless = None
+    bench.send(12)
+    assert bench.follower.poll(4 * MS).expires_ns == 0 + VALID_NS
+
+
+def test_after_a_longish_gap_an_empty_channel_proves_only_the_poll_before(bench):
+    bench.follower.poll(2 * MS)
+    bench.follower.poll(2 * MS + 15 * MS)
+    bench.send(11)
+    assert bench.follower.poll(18 * MS).expires_ns == 2 * MS + VALID_NS
+
+
+@pytest.mark.parametrize("gap", [VALID_NS + 1, 2000 * MS, -1])
+def test_after_a_pause_the_backlog_is_dropped_and_the_proof_asked_for_anew(bench, gap):
+    bench.send(11)
+    assert not bench.follower.poll(2 * MS).stopped_by_consumer
+    bench.send(12, 13)
+    bench.trip.answers = None
+    before = bench.trip.restarts
+    assert bench.follower.poll(2 * MS + gap).stopped_by_consumer
+    assert bench.trip.restarts == before + 1
+    bench.send(14)
+    assert bench.follower.poll(3 * MS + gap).stopped_by_consumer
+    bench.trip.answers = (zone(14),)
+    bench.send(14)
+    assert bench.follower.poll(4 * MS + gap).stopped_by_consumer
+    bench.send(15)
+    followed = bench.follower.poll(5 * MS + gap)
+    assert followed.zone_message.seq == 15
+    assert followed.expires_ns == 4 * MS + gap + VALID_NS
+
+
+def test_a_flood_neither_holds_up_a_poll_nor_refreshes(bench):
+    bench.send(11)
+    bench.follower.poll(2 * MS)
+    bench.zones.endless = b"nonsense"
+    followed = [bench.follower.poll(now * MS) for now in range(3, 30)]
+    assert followed[-1].reasons == ("invalid:service",)
+    assert bench.follower.watchdog.rejected["not_json"] < 27 * 200
+
+
+def test_two_answers_of_two_producers_are_a_stop(bench):
+    bench.follower.watchdog.forget()
+    bench.trip.answers = (zone(10), zone(77, producer="q"))
+    bench.send(11)
+    assert bench.follower.poll(2 * MS).reasons == ("duplicate:service",)
+
+
+def test_a_steady_stream_is_followed_without_another_question(bench):
+    asked = bench.trip.asked
+    for tick in range(11, 500):
+        bench.send(tick)
+        assert bench.follower.poll(2 * MS * (tick - 10)).zone_message.seq == tick
+    assert bench.trip.asked == asked
+
+
+def test_a_closed_session_is_a_stop_and_no_error(bench):
+    def closed():
+        raise zenoh.ZError("closed")
+
+    bench.send(11)
+    assert not bench.follower.poll(2 * MS).stopped_by_consumer
+    bench.zones.receive = bench.commands.receive = closed
+    assert bench.follower.poll(10 * MS).zone_message.seq == 11
+    assert bench.follower.poll(2 * MS + VALID_NS).stopped_by_consumer
