@@ -135,6 +135,11 @@ class Scene:
         )
         return float(distance) if abs(distance) < _FAILED else -math.inf
 
+    def hull_normal(self, obstacle: int, piece: int) -> NDArray[np.float64]:
+        """Return Coal's normal from a hull piece to an obstacle, (3,), base frame."""
+        self.measure(obstacle, piece)
+        return np.array(self._result.normal)
+
     def placement_of(self, part: Part) -> Any:
         """Return the pose of a part's geometry in the base frame, as of the last computation."""
         return self._geometry_data.oMg[part.first]

@@ -41,7 +41,9 @@ class Witness:
 
     def _hull_normal(self, measured: Measured, slot: Slot) -> Vector:
         """Return Coal's normal, turned to point from obstacle to link, or the nearest thing to it."""
-        normal = measured.normal if measured.normal is not None else slot.results[measured.piece].normal
+        normal = measured.normal
+        if normal is None:  # not the slot's results: a search for the nearest pair does not compute them
+            normal = self._scene.hull_normal(measured.obstacle, measured.piece)
         normal = -normal  # Coal's points from the first shape, the hull, to the second
         if _finite(normal) and abs(math.sqrt(normal @ normal) - 1.0) < _UNIT:
             return normal

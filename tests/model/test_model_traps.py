@@ -5,7 +5,7 @@ import math
 import coal
 import numpy as np
 import pytest
-from model_oracle import World, brute_force, inside, random_obstacle, random_positions
+from model_oracle import World, brute_force, inside, random_obstacle, random_positions, write_robot
 
 from ssm_service.model import DistanceModel, Obstacle, Robot
 from ssm_service.model.hulls import convex_hull, slab_points
@@ -55,17 +55,26 @@ def test_trap_1_an_obstacle_inside_a_mesh(robot, world, model, shape):
 
 
 @pytest.mark.parametrize("gap", [1e-4, 1e-6, 1e-8, 0.0, -1e-6, -1e-4])
-def test_normal_of_a_grazing_floor(robot, world, model, gap):
-    """Nearer than GJK can tell, two witness points are one: their difference is no direction."""
+@pytest.mark.parametrize(("shape", "size"), [("box", (0.6, 0.6, 0.1)), ("cylinder", (0.3, 0.1))])
+def test_normal_of_a_grazing_floor(tmp_path, world, gap, shape, size):
+    """Nearer than GJK can tell, two witness points are one: their difference is no direction.
+
+    Nor is what an earlier question left behind: all_pairs and nearest agree, whichever comes first.
+    """
+    robot = Robot.load(write_robot(tmp_path, top='links = ["forearm_link"]'))
     position = np.array([0.0, -1.0, 1.3, 0.2, 0.5, 0.1])
-    lowest = world.triangles(position, "forearm_link")[..., 2].min()
-    middle = world.triangles(position, "forearm_link").reshape(-1, 3).mean(axis=0)
+    corners = world.triangles(position, "forearm_link")
+    lowest, middle = corners[..., 2].min(), corners.reshape(-1, 3).mean(axis=0)
     place = (middle[0], middle[1], lowest - gap - 0.05)
-    for shape, size in (("box", (0.6, 0.6, 0.1)), ("cylinder", (0.3, 0.1))):
+    aside = Obstacle(id="o", shape=shape, size=size, position=(middle[0] + 1.0, 0.0, 0.3))
+    model = DistanceModel(robot)
+    for earlier in (model.nearest, model.all_pairs):
+        model.set_obstacles([aside])
+        earlier(position)
         model.set_obstacles([Obstacle(id="o", shape=shape, size=size, position=place)])
-        pair = next(p for p in model.all_pairs(position) if p.link == "forearm_link")
-        assert pair.distance == pytest.approx(gap, abs=5e-6)
-        assert pair.normal == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
+        for pair in (model.nearest(position), *model.all_pairs(position)):
+            assert pair.distance == pytest.approx(gap, abs=5e-6)
+            assert pair.normal == pytest.approx([0.0, 0.0, 1.0], abs=0.02)
 
 
 @pytest.mark.parametrize("shape", ["sphere", "capsule", "cylinder", "box"])
@@ -93,6 +102,7 @@ def test_trap_2_a_solver_that_fails(robot, model, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(coal, "distance", lambda *_, value=value: value)
             pairs = model.all_pairs(robot.rest_position)
+            assert model.nearest(robot.rest_position).distance <= 0.0
         assert all(pair.distance <= true.distance for pair in pairs[:-1])
     failed = [math.nan] * model._scene.piece_count
 
