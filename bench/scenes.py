@@ -15,14 +15,8 @@ from ssm_service.wire import optional_readings
 
 RADIUS_M = 0.05
 NEAREST_M, FARTHEST_M = 0.05, 1.5
-_REACH_M = 0.7  # beyond it from the base no surface of a UR3 lies; with FARTHEST_M, where centres are drawn
+_REACH_M = 0.9  # no surface of a UR3 lies farther from its base
 _DRAWN_AT_ONCE = 100
-
-HOW_DRAWN = (
-    f"Scenes: joints uniform in ±π within their limits; centres of spheres of {RADIUS_M} m uniform in space, "
-    f"kept where the surface lies {NEAREST_M} to {FARTHEST_M} m from the robot's (by its hulls); readings no "
-    "echo or uniform in 0.2 to 1.2 m, half each; a position target. Each tick has another scene."
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,14 +69,28 @@ class Scene:
         return {name: msgspec.json.encode(message) for name, message in messages.items()}
 
 
-def draw_scenes(robot: Robot, obstacles: int, count: int, seed: int) -> list[Scene]:
-    """Return ``count`` scenes with so many obstacles each."""
+def how_drawn(farthest_m: float) -> str:
+    """Return how ``draw_scenes`` draws."""
+    return (
+        f"Scenes: joints uniform in ±π within their limits; centres of spheres of {RADIUS_M} m uniform in "
+        f"space, kept where the surface lies {NEAREST_M} to {farthest_m} m from the robot's (by its hulls); "
+        "readings no echo or uniform in 0.2 to 1.2 m, half each; a position target. Each tick has another "
+        "scene, so nothing is left over from the tick before."
+    )
+
+
+def draw_scenes(
+    robot: Robot, obstacles: int, count: int, seed: int, farthest_m: float = FARTHEST_M
+) -> list[Scene]:
+    """Return ``count`` scenes with so many obstacles each, their surfaces at most ``farthest_m`` away."""
     rng = np.random.default_rng([seed, obstacles])
     distances = DistanceModel(robot)
-    return [_draw(robot, distances, obstacles, rng) for _ in range(count)]
+    return [_draw(robot, distances, obstacles, rng, farthest_m) for _ in range(count)]
 
 
-def _draw(robot: Robot, distances: DistanceModel, count: int, rng: np.random.Generator) -> Scene:
+def _draw(
+    robot: Robot, distances: DistanceModel, count: int, rng: np.random.Generator, farthest_m: float
+) -> Scene:
     lower = np.maximum(robot.position_lower, -np.pi)
     upper = np.minimum(robot.position_upper, np.pi)
     position = rng.uniform(lower, upper)
@@ -90,11 +98,13 @@ def _draw(robot: Robot, distances: DistanceModel, count: int, rng: np.random.Gen
     while len(spheres) < count:
         drawn = [
             Obstacle(id=f"o{index}", shape="sphere", size=(RADIUS_M,), position=centre)
-            for index, centre in enumerate(_in_ball(rng, _DRAWN_AT_ONCE), start=len(spheres))
+            for index, centre in enumerate(
+                _in_ball(rng, _DRAWN_AT_ONCE, _REACH_M + RADIUS_M + farthest_m), start=len(spheres)
+            )
         ]
         distances.set_obstacles(drawn)
         nearest = distances.bounds(position).min(axis=0)
-        kept = [o for o, d in zip(drawn, nearest, strict=True) if NEAREST_M <= d <= FARTHEST_M]
+        kept = [o for o, d in zip(drawn, nearest, strict=True) if NEAREST_M <= d <= farthest_m]
         spheres += [
             Obstacle(id=f"o{index}", shape="sphere", size=o.size, position=o.position)
             for index, o in enumerate(kept, start=len(spheres))
@@ -110,8 +120,8 @@ def _draw(robot: Robot, distances: DistanceModel, count: int, rng: np.random.Gen
     )
 
 
-def _in_ball(rng: np.random.Generator, count: int) -> list[tuple[float, float, float]]:
+def _in_ball(rng: np.random.Generator, count: int, radius: float) -> list[tuple[float, float, float]]:
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    radii = (_REACH_M + RADIUS_M + FARTHEST_M) * rng.random(count) ** (1.0 / 3.0)
+    radii = radius * rng.random(count) ** (1.0 / 3.0)
     return [(x, y, z) for x, y, z in (directions * radii[:, None]).tolist()]

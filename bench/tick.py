@@ -22,7 +22,7 @@ from ssm_service.wire import VALUES, Decoder, command_message, zone_message
 from ssm_service.wire.messages import INPUTS
 
 from .common import PERCENTILES, Report, Row, figure, parser, percentiles, progress
-from .scenes import HOW_DRAWN, RADIUS_M, Scene, draw_scenes
+from .scenes import FARTHEST_M, NEAREST_M, RADIUS_M, Scene, draw_scenes, how_drawn
 
 COUNTS = (1, 10, 100)
 PACES = {"tight": 0.0, "2 ms sleeps": 0.002}
@@ -41,8 +41,7 @@ NOTES = f"""\
 pair, zone, limits and command are included. Its inputs are checked values; making them of messages is the \
 row 'decode …'. The network itself is in neither.
 {WHAT[FLOOR]}: the floor, one call on the same hull pieces and spheres, whose poses are written before the \
-clock starts.
-{HOW_DRAWN}
+clock starts. It measures all pairs; a tick that leaves out those that cannot be the nearest may be below it.
 All variants take turns in blocks of {BLOCK} ticks in random order, so that a drift of the machine hits all \
 alike; in the tight loop the first {WARM_UP} ticks of a block are not counted. The garbage collector is off, \
 as in the service.
@@ -174,10 +173,11 @@ class Variant:
                 self.times_ns.append(taken)
 
 
-def variants(robot: Robot, ticks: int, seed: int) -> list[Variant]:
+def variants(robot: Robot, ticks: int, seed: int, farthest_m: float = FARTHEST_M) -> list[Variant]:
     """Return all variants, in the order of the table; those of one N see the same scenes."""
     made = []
-    scenes = {count: draw_scenes(robot, count, max(2, min(ticks, POOL)), seed) for count in COUNTS}
+    pool = max(2, min(ticks, POOL))
+    scenes = {count: draw_scenes(robot, count, pool, seed, farthest_m) for count in COUNTS}
     for pace in PACES:
         for what in WHAT:
             for count in COUNTS:
@@ -271,9 +271,19 @@ def draw(table: list[Row], path: Path) -> None:
 
 def main() -> None:
     """Run the benchmark."""
-    arguments = parser("tick", __doc__, "ticks", 2000, "ticks of each row").parse_args()
+    options = parser("tick", __doc__, "ticks", 2000, "ticks of each row")
+    options.add_argument(
+        "--farthest",
+        type=float,
+        default=FARTHEST_M,
+        metavar="M",
+        help="how far from the robot a sphere may lie, in m (default: %(default)s)",
+    )
+    arguments = options.parse_args()
+    if not 2.0 * NEAREST_M <= arguments.farthest <= 10.0:
+        options.error(f"--farthest must be {2.0 * NEAREST_M} to 10 m")
     robot = Robot.load("ur3")
-    chosen = variants(robot, arguments.ticks, arguments.seed)
+    chosen = variants(robot, arguments.ticks, arguments.seed, arguments.farthest)
     measure(chosen, arguments.ticks, arguments.seed)
     table = rows(chosen)
     pieces = sum(len(part.pieces) for part in build_parts(robot))
@@ -287,10 +297,19 @@ def main() -> None:
     }
     Report(
         name="tick",
-        settings={"robot": robot.name, "seed": arguments.seed, "ticks": arguments.ticks},
+        settings={
+            "robot": robot.name,
+            "seed": arguments.seed,
+            "ticks": arguments.ticks,
+            "farthest": arguments.farthest,
+        },
         columns=columns,
         rows=table,
-        notes=[f"{len(robot.monitored_links)} links in {pieces} hull pieces.", *NOTES.splitlines()],
+        notes=[
+            f"{len(robot.monitored_links)} links in {pieces} hull pieces.",
+            how_drawn(arguments.farthest),
+            *NOTES.splitlines(),
+        ],
         draw=lambda path: draw(table, path),
     ).finish(arguments)
 

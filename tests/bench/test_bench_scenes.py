@@ -34,13 +34,14 @@ def test_the_same_seed_gives_the_same_scenes(robot):
     assert payloads(robot, 5) != payloads(robot, 6)
 
 
-def test_obstacles_are_near_and_clear(robot):
+@pytest.mark.parametrize("farthest", [FARTHEST_M, 0.25])
+def test_obstacles_are_near_and_clear(robot, farthest):
     distances = DistanceModel(robot)
-    for scene in draw_scenes(robot, 10, 3, seed=2):
+    for scene in draw_scenes(robot, 10, 3, 2, farthest):
         assert len(scene.obstacles) == 10
         distances.set_obstacles(scene.obstacles)
         nearest = distances.bounds(scene.position).min(axis=0)
-        assert np.all((nearest >= NEAREST_M) & (nearest <= FARTHEST_M))
+        assert np.all((nearest >= NEAREST_M) & (nearest <= farthest))
 
 
 def test_payloads_say_what_the_inputs_say(robot):
