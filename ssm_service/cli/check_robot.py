@@ -35,6 +35,8 @@ def check_robot(name_or_path: str) -> Report:
         DistanceModel(robot)
         findings.append(_monitored(robot))
     except ConfigError as error:
+        if error.file == "--robot":  # which is no option here
+            raise ConfigError("FILE", "", error.found, error.allowed) from error
         if not error.key:
             raise
         text = f"found {shown(error.found)}, allowed: {error.allowed}"
@@ -89,7 +91,8 @@ def _reach(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
                     text = f"{ring.range_max_m:g} m: no echo does not prove {field} = {edge:g} m to be free"
                     yield Finding(level, key, text)  # type: ignore[arg-type]
                 elif ring.range_max_m - ring.accuracy_m < edge:
-                    text = f"{ring.range_max_m - ring.accuracy_m:g} m with its accuracy, below {field} = {edge:g} m"
+                    sure = ring.range_max_m - ring.accuracy_m
+                    text = f"{sure:g} m when accuracy is taken off, below {field} = {edge:g} m"
                     yield Finding("weak", key, text)
         nearest_edge = min(profile.red.distance_m for profile in file.profiles.values())
         if ring.range_min_m > 0.0:

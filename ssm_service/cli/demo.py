@@ -13,7 +13,7 @@ import typer
 
 from .._version import __version__
 from ..errors import ConfigError, NoServiceError
-from .options import JsonOption, RateOption, RobotOption, checked_rate, checked_seconds
+from .options import JsonOption, RateOption, RobotOption, checked_rate, checked_seconds, number
 from .output import emit, emit_json, log
 
 if TYPE_CHECKING:
@@ -35,7 +35,9 @@ ENDING_S: Final = 30.0
 
 
 def demo(
-    seconds: Annotated[float, typer.Option("--seconds", metavar="S", help="How long to record.")] = 20.0,
+    seconds: Annotated[
+        float, typer.Option("--seconds", parser=number, metavar="S", help="How long to record.")
+    ] = 20.0,
     scenario: Annotated[
         str, typer.Option("--scenario", metavar="NAME|FILE", help="What happens round the robot.")
     ] = "crossing",

@@ -30,7 +30,8 @@ def surface(entry: ObstacleEntry) -> NDArray[np.float64]:
     )
     local = _box(*obstacle.size) if obstacle.shape == "box" else _turned(*_profile(obstacle))
     turned: NDArray[np.float64] = np.einsum("ij,jab->iab", obstacle.rotation(), local)
-    return turned + np.reshape(obstacle.position, (3, 1, 1))
+    turned += np.reshape(obstacle.position, (3, 1, 1))
+    return turned
 
 
 def _profile(obstacle: Obstacle) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

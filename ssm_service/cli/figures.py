@@ -192,11 +192,13 @@ def _speed_scale(speeds: NDArray[np.float64], limits: NDArray[np.float64]) -> fl
 
 def _ticks(recording: Recording, _robot: Robot) -> Any:
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import FuncFormatter
 
+    plain = FuncFormatter(lambda value, _place: f"{value:g}")
     times = np.array([row.t for row in recording.decisions])
     figure, (above, below) = plt.subplots(2, 1, figsize=(WIDTH_IN, 5.4), sharex=True)
     above.plot(times[1:], 1e3 * np.diff(times), ".", markersize=2.0, color=LINES[0], rasterized=True)
-    above.set_title("Time from decision to decision, as the consumer saw it")
+    above.set_title("From decision to decision, as a consumer that looks every millisecond saw it")
     above.set(ylabel="[ms]", yscale="log")
     below.set_title("The service's own times, over its last 5000 ticks")
     below.set(ylabel="[µs]", xlabel="time [s]", yscale="log")
@@ -205,7 +207,9 @@ def _ticks(recording: Recording, _robot: Robot) -> Any:
         above.axhline(1e-3 * period_us, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)))
         below.axhline(period_us, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)), label="period")
         _percentiles(below, recording)
+    above.yaxis.set_minor_formatter(plain)
     for axes in (above, below):
+        axes.yaxis.set_major_formatter(plain)
         axes.set_xlim(0.0, recording.seconds)
         axes.grid(axis="y", color="#e3e3e3", linewidth=0.8)
         axes.set_axisbelow(True)

@@ -10,6 +10,30 @@ import typer
 
 from ..errors import ConfigError
 
+
+def number(text: str | float) -> float:
+    """Read an option's number; a default is passed through here as well.
+
+    Raises:
+        typer.BadParameter: It is none; says what was found.
+    """
+    try:
+        return float(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"found {text!r}, allowed: a number") from error
+
+
+def whole_number(text: str | int) -> int:
+    """Read an option's whole number, 0 or more; a default is passed through here as well.
+
+    Raises:
+        typer.BadParameter: It is none; says what was found.
+    """
+    if not str(text).isdecimal():
+        raise typer.BadParameter(f"found {text!r}, allowed: a whole number, 0 or more")
+    return int(text)
+
+
 RobotOption = Annotated[
     str, typer.Option("--robot", metavar="NAME|FILE", help="Robot file, by name or path.")
 ]
@@ -38,12 +62,15 @@ ZenohConfigOption = Annotated[
     typer.Option("--zenoh-config", metavar="FILE", help="Zenoh configuration to start from."),
 ]
 SecondsOption = Annotated[
-    float | None, typer.Option("--seconds", metavar="S", help="End after this time; never if left out.")
+    float | None,
+    typer.Option("--seconds", parser=number, metavar="S", help="End after this time; never if left out."),
 ]
 TimeoutOption = Annotated[
-    float, typer.Option("--timeout", metavar="S", help="How long to wait for an answer.")
+    float, typer.Option("--timeout", parser=number, metavar="S", help="How long to wait for an answer.")
 ]
-RateOption = Annotated[float, typer.Option("--rate", metavar="HZ", help="Ticks per second, 50 to 1000.")]
+RateOption = Annotated[
+    float, typer.Option("--rate", parser=number, metavar="HZ", help="Ticks per second, 50 to 1000.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, for machines.")]
 
 

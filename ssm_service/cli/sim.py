@@ -16,6 +16,7 @@ from .options import (
     ZenohConfigOption,
     checked_seconds,
     endpoints,
+    whole_number,
 )
 from .output import emit_json, log
 
@@ -32,7 +33,9 @@ def sim(
     connect: ConnectOption = None,
     zenoh_config: ZenohConfigOption = None,
     seconds: SecondsOption = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the sensors' errors.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", parser=whole_number, metavar="N", help="Seed of the sensors' errors.")
+    ] = 0,
     tracker: Annotated[
         bool, typer.Option(help="Send tracked obstacles; otherwise only the sensor rings see them.")
     ] = True,
