@@ -202,16 +202,21 @@ class Ear:
         self._lock = threading.Lock()
         self._heard: list[Heard] = []
         self._seq = 0
-        self._subscribers = [
-            self.session.declare_subscriber(f"ssm/ur3/{key}", self._hear)
+        # Channels, not callbacks: Zenoh's thread never waits for this process's Python, so nothing is lost.
+        self._threads = [
+            threading.Thread(target=self._hear, args=(key,), daemon=True)
             for key in (("zone", "command") if listen else ())
         ]
+        for thread in self._threads:
+            thread.start()
 
-    def _hear(self, sample: zenoh.Sample) -> None:
-        key = str(sample.key_expr).rpartition("/")[2]
-        heard = Heard(time.monotonic(), key, str(sample.encoding), sample.payload.to_bytes())
-        with self._lock:
-            self._heard.append(heard)
+    def _hear(self, key: str) -> None:
+        channel = zenoh.handlers.FifoChannel(100_000)
+        with self.session.declare_subscriber(f"ssm/ur3/{key}", channel) as subscriber:
+            for sample in subscriber:
+                heard = Heard(time.monotonic(), key, str(sample.encoding), sample.payload.to_bytes())
+                with self._lock:
+                    self._heard.append(heard)
 
     def heard(self, key: str = "zone", since: float = 0.0) -> list[Heard]:
         with self._lock:
@@ -267,6 +272,8 @@ class Ear:
 
     def close(self) -> None:
         self.session.close()
+        for thread in self._threads:
+            thread.join(5.0)
 
 
 @contextmanager
@@ -285,3 +292,23 @@ def without_gaps(zones: Sequence[dict[str, Any]]) -> bool:
         (zone["producer"], zone["seq"]) == (first["producer"], first["seq"] + index)
         for index, zone in enumerate(zones)
     )
+
+
+@contextmanager
+def driving_in_process(ear: Ear, **sources: dict[str, Any]) -> Iterator[Ear]:
+    """Send the sources from this process, each every 20 ms, in a thread; fields may be changed meanwhile."""
+    ending = threading.Event()
+    producer = f"ear {time.monotonic_ns()}"
+
+    def send() -> None:
+        while not ending.wait(0.02):
+            for source, fields in list(sources.items()):
+                ear.send(source, fields, producer=producer)
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        yield ear
+    finally:
+        ending.set()
+        thread.join()
