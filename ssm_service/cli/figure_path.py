@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from ..model import Robot
 from ..safety import Zone
+from ..wire.messages import ObstacleEntry
 from .figure_shapes import draw_shape
 from .palette import LINES
-from .recording import JointRow, ObstacleRow, Recording
+from .recording import JointRow, Recording
 
 INK: Final = {Zone.GREEN: "#009e73", Zone.YELLOW: "#d9a900", Zone.RED: "#d1340b", Zone.STOP: "#6a1b6e"}
 """Colours of the path, darker than the bands so that they stand on white."""
@@ -19,8 +20,11 @@ INK: Final = {Zone.GREEN: "#009e73", Zone.YELLOW: "#d9a900", Zone.RED: "#d1340b"
 STEP_S: Final = 0.04
 """Distance in time of the path's points [s]."""
 
-MARGIN_M: Final = 0.25
-"""What is shown round the arm; obstacles farther away are left out."""
+MARGIN_M: Final = 0.12
+"""What is shown round the arm and the obstacles beside it [m]."""
+
+BESIDE_M: Final = 0.45
+"""An obstacle whose centre is farther from the arm's surroundings than this is left out [m]."""
 
 
 def draw_path(recording: Recording, robot: Robot) -> Any:
@@ -37,7 +41,7 @@ def draw_path(recording: Recording, robot: Robot) -> Any:
         arm = _skeleton(robot, row.position)
         axes.plot(*arm.T, "-o", color="#666666", linewidth=4.0, markersize=6, alpha=0.75, zorder=2)
         handles.append(_line("#666666", f"arm at {moment:.1f} s", marker="o"))
-        _show_around(axes, recording, robot)
+        _show_around(axes, recording, robot, moment)
     handles += _draw_obstacles(axes, recording, moment)
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.view_init(elev=22.0, azim=-38.0)
@@ -45,7 +49,9 @@ def draw_path(recording: Recording, robot: Robot) -> Any:
         axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
         axis.set_major_locator(plt.MaxNLocator(5))
     figure.text(0.02, 0.955, "Path of the end effector in the base frame", fontsize=12, fontweight="bold")
-    figure.text(0.02, 0.925, f"arm and obstacles when they were nearest, at {moment:.1f} s", color="#555555")
+    near = any(row.exact is not None for row in recording.decisions)
+    words = "arm and obstacles when they were nearest" if near else "arm at the end; no obstacle was tracked"
+    figure.text(0.02, 0.925, f"{words}, at {moment:.1f} s" if near else words, color="#555555")
     figure.legend(handles=handles, loc="upper right", bbox_to_anchor=(0.99, 0.97))
     return figure
 
@@ -101,13 +107,19 @@ def _skeleton(robot: Robot, position: tuple[float, ...]) -> NDArray[np.float64]:
     return np.array(distinct)
 
 
-def _show_around(axes: Any, recording: Recording, robot: Robot) -> None:
-    """Fit the axes to where the arm was, with a margin."""
+def _show_around(axes: Any, recording: Recording, robot: Robot, moment: float) -> None:
+    """Fit the axes to where the arm was and to the obstacles that were beside it, with a margin."""
     rows = recording.joints[:: max(len(recording.joints) // 20, 1)]
     points = np.concatenate([_skeleton(robot, row.position) for row in rows])
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    for entry in _obstacles_at(recording, moment):
+        centre = np.array(entry.position)
+        if (np.maximum(lower - centre, centre - upper) < BESIDE_M).all():
+            points = np.concatenate([points, centre[None]])
     lower, upper = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(max(lower[2], -0.05), upper[2]))
-    axes.set_aspect("equal")
+    limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    axes.set_box_aspect(np.ptp(limits, axis=1), zoom=0.9)
 
 
 def _draw_obstacles(axes: Any, recording: Recording, moment: float) -> list[Any]:
@@ -123,14 +135,18 @@ def _draw_obstacles(axes: Any, recording: Recording, moment: float) -> list[Any]
         points = np.array(track)
         outside = ((points < limits[:, 0]) | (points > limits[:, 1])).any(axis=1)
         points[outside] = np.nan
-        axes.plot(*points.T, color=colours[name], linewidth=1.4, linestyle=":", zorder=3)
-        handles.append(_line(colours[name], name, linestyle=":"))
-    if recording.obstacles:
-        nearest: ObstacleRow = min(recording.obstacles, key=lambda row: abs(row.t - moment))
-        for entry in nearest.obstacles:
-            if ((entry.position >= limits[:, 0]) & (entry.position <= limits[:, 1])).all():
-                draw_shape(axes, entry, colours[entry.id])
+        if not outside.all():
+            axes.plot(*points.T, color=colours[name], linewidth=1.4, linestyle=":", zorder=3)
+            handles.append(_line(colours[name], name, linestyle=":", marker="o", markersize=7, alpha=0.7))
+    for entry in _obstacles_at(recording, moment):
+        if ((entry.position >= limits[:, 0]) & (entry.position <= limits[:, 1])).all():
+            draw_shape(axes, entry, colours[entry.id])
     return handles
+
+
+def _obstacles_at(recording: Recording, moment: float) -> tuple[ObstacleEntry, ...]:
+    nearest = min(recording.obstacles, key=lambda row: abs(row.t - moment), default=None)
+    return () if nearest is None else nearest.obstacles
 
 
 def _line(colour: str, label: str, **style: Any) -> Any:

@@ -140,6 +140,8 @@ def _distance(recording: Recording, robot: Robot) -> Any:
             )  # fmt: skip
     axes.plot(times, exact, color=LINES[0], linewidth=2.0, label="exact (tracked obstacles)", zorder=4)
     axes.plot(times, estimated, color=LINES[1], linewidth=1.6, label="estimated (sensor ring)", zorder=3)
+    if not (np.isfinite(exact).any() or np.isfinite(estimated).any()):
+        axes.text(0.5, 0.5, "nothing was seen", transform=axes.transAxes, ha="center", color="#555555")
     axes.set_ylim(bottom=min(0.0, _lowest(exact)))
     axes.set(title="Distance", xlabel="time [s]", ylabel="least distance [m]")
     _legend(axes, recording)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ..safety import Zone
 from .recording import Recording
 
-TOLERANCE_RAD_S: Final = 1e-6
-"""A joint speed this little above its limit counts as obeying it: rounding, not motion."""
+TOLERANCE_RAD_S: Final = 1e-3
+"""A measured joint speed this little above its limit counts as obeying it."""
 
 
 def summarise(recording: Recording) -> dict[str, Any]:
@@ -63,6 +63,7 @@ def limits_obeyed(recording: Recording) -> dict[str, Any]:
         "joint_states": len(excess),
         "obeyed_share": float(np.mean(~over)) if len(excess) else None,
         "greatest_excess_rad_s": max(float(excess.max()), 0.0) if len(excess) else None,
+        "tolerance_rad_s": TOLERANCE_RAD_S,
         "longest_excess_s": _longest_run(times[-len(excess) :], over) if len(excess) else None,
         "commands": len(recording.commands),
         "commands_within_share": _commands_within(recording),
@@ -87,7 +88,7 @@ def speed_excess(recording: Recording) -> NDArray[np.float64]:
 def _commands_within(recording: Recording) -> float | None:
     limits = {row.seq: row.limit for row in recording.decisions}
     within = [
-        all(abs(v) <= top + TOLERANCE_RAD_S for v, top in zip(row.velocity, limits[row.seq], strict=True))
+        all(abs(v) <= top + 1e-9 for v, top in zip(row.velocity, limits[row.seq], strict=True))
         for row in recording.commands
         if row.seq in limits
     ]
