@@ -7,6 +7,8 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,15 +17,17 @@ import pytest
 import zenoh
 from service_kit import HEALTHY, alive, wait_for
 
-from ssm_service.errors import ConfigError
+from ssm_service.errors import ConfigError, InputError
 from ssm_service.model import Robot
-from ssm_service.monitor import Inputs, Monitor
-from ssm_service.service import FixedRateLoop, ServiceOptions
+from ssm_service.monitor import Decision, Inputs, Monitor
+from ssm_service.safety import Zone
+from ssm_service.service import Beat, FixedRateLoop, Service, ServiceOptions
 from ssm_service.service.child import EvaluatingProcess
 from ssm_service.service.inputs import InputChannels
 from ssm_service.service.outputs import stopped
 from ssm_service.service.statistics import Rejections, Timings
 from ssm_service.wire import Keys
+from ssm_service.wire.session import open_session, zenoh_config
 
 MS = 1_000_000
 
@@ -198,6 +202,63 @@ def test_a_stop_keeps_what_was_seen_and_nothing_that_moves(robot):
     assert (stop.tick, stop.zone.word, stop.reasons, stop.speed_scaling) == (7, "stop", ("overrun",), 0.0)
     assert not np.any(stop.speed_limit)
     assert not np.any(stop.velocity)
+
+
+@pytest.fixture
+def service(robot):
+    """A service in this process that has decided its first tick; the test makes it tick."""
+    worker = SimpleNamespace(restart_if_dead=lambda: False)
+    with open_session(zenoh_config("router")) as session:
+        yield Service(robot, session, ServiceOptions(), lambda _: None, worker)  # type: ignore[arg-type]
+
+
+def ticked(service: Service, step: Callable[[Inputs], Decision]) -> Decision:
+    """Let the service tick once with another monitor; return what it published."""
+    service._monitor.step = step  # type: ignore[method-assign]
+    now = time.monotonic_ns()
+    service._tick(Beat(now, now, 0, 0))
+    assert service._outputs.last is not None
+    published = json.loads(service._outputs.zone_reply)
+    assert (published["seq"], published["zone"]) == (
+        service._outputs.last.tick,
+        service._outputs.last.zone.word,
+    )
+    return service._outputs.last
+
+
+def test_a_decision_that_grew_old_in_the_middle_of_its_tick_is_a_stop(service):
+    green = replace(service._outputs.last, zone=Zone.GREEN, reasons=())
+    seen: list[float] = []
+
+    def step(inputs: Inputs, pause: float = 0.0) -> Decision:
+        seen.append(inputs.overrun_s)
+        time.sleep(pause)
+        return replace(green, tick=1 + len(seen))
+
+    assert ticked(service, step).zone is Zone.GREEN
+    stop = ticked(service, lambda inputs: step(inputs, 0.03))
+    assert (stop.tick, stop.zone, stop.reasons) == (3, Zone.STOP, ("overrun",))
+    assert ticked(service, step).zone is Zone.GREEN  # only since this monitor does not look at the overrun
+    ticked(service, step)
+    assert seen[:2] == [0.0, 0.0]
+    assert 0.03 <= seen[2] < 0.5
+    assert seen[3] == 0.0
+
+
+def test_a_monitor_that_fails_is_a_stop_and_one_warning(service):
+    first = service._outputs.last
+
+    def step(_: Inputs) -> Decision:
+        raise InputError("not_finite", "position", "nan", "finite numbers")
+
+    for index in range(200):
+        decision = ticked(service, step)
+        assert (decision.tick, decision.zone, decision.reasons) == (2 + index, Zone.STOP, ("internal",))
+    assert first.tick == 1
+    assert len(service.warnings) == 1
+    for index in range(1000):
+        service.warn(str(index))
+    assert len(service.warnings) == 50
 
 
 @pytest.mark.parametrize("rate", [0.0, 49.9, 1000.1, float("nan"), float("inf"), -500.0])
