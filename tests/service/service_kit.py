@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -110,8 +110,12 @@ class Process:
         self.popen.send_signal(number)
 
     def kill(self) -> None:
+        """End it: politely, so that it leaves nothing in the temporary folder, and then in any case."""
         if self.popen.poll() is None:
             self.popen.send_signal(signal.SIGCONT)
+            self.popen.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                self.popen.wait(3)
             self.popen.kill()
         self.popen.wait(10)
         if self._last_words is None:

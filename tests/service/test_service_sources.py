@@ -106,6 +106,10 @@ def test_a_killed_driver_is_noticed_within_its_timeout(service, observer):
     for source in ("ranges", "obstacles", "target"):
         observer.until(lambda zone, source=source: f"stale:{source}" in zone["reasons"])
     assert set(observer.heard("command")[-1].value["velocity"]) == {0.0}
+    # The first time that anybody asks for frames: what arrived long ago is not the present.
+    kind, _, value = observer.ask("frames")
+    assert kind == "error"
+    assert "no fresh joint state" in value["error"]
 
 
 def test_another_driver_is_picked_up_once_the_first_is_silent(service, observer):
