@@ -309,7 +309,7 @@ class Health(Message, frozen=True, kw_only=True):
     lost: Annotated[dict[str, int], Meta(description="gaps in the senders' seq")]
     age_s: dict[str, float | None]
     queries: Annotated[dict[str, int], Meta(description="answered, by key")]
-    memory_bytes: Annotated[int | None, Meta(description="resident memory of the service; null where unknown")]
+    memory_bytes: Annotated[int | None, Meta(description="resident memory; null where unknown")]
     warnings: list[str]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -55,6 +56,8 @@ def zenoh_config(
     Raises:
         ConfigError: The file or an endpoint is not acceptable to Zenoh.
     """
+    _check_endpoints("--listen", listen)
+    _check_endpoints("--connect", connect)
     config = zenoh.Config() if file is None else _from_file(file)
     settings: dict[str, Any] = {}
     if file is None:
@@ -74,15 +77,21 @@ def zenoh_config(
         try:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            raise ConfigError(file or "Zenoh", key, value, str(error)) from error
+            raise ConfigError(file or "Zenoh", key, value, _said(error)) from error
     return config
+
+
+def _check_endpoints(option: str, endpoints: Sequence[str]) -> None:
+    for endpoint in endpoints:
+        if not re.fullmatch(r"[a-z][a-z0-9_-]*/\S+", endpoint):
+            raise ConfigError(option, "", endpoint, f"PROTOCOL/ADDRESS, for example {DEFAULT_ENDPOINT}")
 
 
 def _from_file(file: str | Path) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(str(file))
     except (zenoh.ZError, OSError, ValueError) as error:
-        raise ConfigError(file, "", str(error), "a Zenoh configuration in JSON5, JSON or YAML") from error
+        raise ConfigError(file, "", _said(error), "a Zenoh configuration in JSON5, JSON or YAML") from error
 
 
 def _listen_endpoints(config: zenoh.Config, mode: Mode) -> list[str]:
@@ -104,4 +113,9 @@ def open_session(config: zenoh.Config) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise ServiceError(f"Zenoh session could not be opened: {error}") from error
+        raise ServiceError(f"Zenoh session could not be opened: {_said(error)}") from error
+
+
+def _said(error: Exception) -> str:
+    """Return what Zenoh said, without the places in its own source."""
+    return re.sub(r" at /\S+:\d+\.?", "", str(error)).strip()

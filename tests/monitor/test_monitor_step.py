@@ -11,7 +11,7 @@ from ssm_service.safety import Zone
 FAR, NEAR = 3.0, 0.6
 
 
-def settle(monitor, scene, ticks=60):
+def settle(monitor, scene, ticks=130):
     for _ in range(ticks):
         decision = monitor.step(scene.inputs())
     return decision
@@ -144,7 +144,7 @@ def test_zone_limits_hold_and_keep_the_direction(monitor, scene, sphere):
     scene.target = Target(kind="joint_velocity", value=wanted)
     for reading, limit in ((0.3, 0.24), (0.1, 0.18)):
         scene.ranges = np.array([reading] + [np.inf] * 7)
-        decision = settle(monitor, scene, 400)
+        decision = settle(monitor, scene, 500)
         assert np.abs(decision.velocity).max() == pytest.approx(limit, abs=1e-12)
         assert decision.velocity == pytest.approx(wanted * limit, abs=1e-12)
         assert (decision.speed_limit == limit).all()
@@ -152,14 +152,14 @@ def test_zone_limits_hold_and_keep_the_direction(monitor, scene, sphere):
 
 def test_a_stop_is_not_ramped(monitor, scene):
     scene.target = Target(kind="joint_velocity", value=np.array([1.0, 0, 0, 0, 0, 0]))
-    assert settle(monitor, scene, 700).velocity[0] == pytest.approx(1.0)
+    assert settle(monitor, scene, 800).velocity[0] == pytest.approx(1.0)
     scene.ranges = np.array([0.0] + [np.inf] * 7)
     assert not monitor.step(scene.inputs()).velocity.any()
 
 
 def test_locked_joints_never_move(monitor, scene):
     scene.target = Target(kind="joint_velocity", value=np.ones(6))
-    assert not settle(monitor, scene, 400).velocity[3:].any()
+    assert not settle(monitor, scene, 500).velocity[3:].any()
 
 
 @pytest.mark.parametrize("kind", ["twist", "position"])
@@ -169,7 +169,7 @@ def test_task_targets_move_the_end_effector_where_they_say(monitor, scene, robot
     along = np.array([0.0, 0.6, 0.8])
     value = np.concatenate((0.05 * along, np.zeros(3))) if kind == "twist" else here + 0.2 * along
     scene.target = Target(kind=kind, value=value)
-    moved = frames.jacobian @ settle(monitor, scene, 300).velocity[:3]
+    moved = frames.jacobian @ settle(monitor, scene, 500).velocity[:3]
     assert moved / np.linalg.norm(moved) == pytest.approx(along, abs=1e-6)
 
 

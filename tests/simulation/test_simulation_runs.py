@@ -151,7 +151,7 @@ def test_hand_comes_near_and_leaves(ur3: Robot) -> None:
     assert 0.1 <= seen.nearest <= 0.15
     assert seen.zones.count(Zone.RED) * PERIOD_S > 2.0
     assert seen.echoes > 10
-    assert len(seen.arrivals) >= 3
+    assert len(seen.arrivals) >= 2  # on its way before the hand came and after it had left
 
 
 def test_walk_passes_by(ur3: Robot) -> None:
