@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -28,7 +29,8 @@ JOINTS = (
     "wrist_3_joint",
 )
 SEVERITY = {"green": 0, "yellow": 1, "red": 2, "stop": 3}
-RECOVERY_TICKS = 25
+UR3 = tomllib.loads((HERE.parents[1] / "robots" / "ur3.toml").read_text(encoding="utf-8"))
+RECOVERY_TICKS: int = UR3["profiles"]["kang2022"]["recovery_ticks"]
 
 POSITION = [0.0, -1.0, 1.0, 0.0, 0.0, 0.0]
 BALL = {"id": "ball", "shape": "sphere", "size": [0.1], "position": [0.75, 0.0, 0.3]}

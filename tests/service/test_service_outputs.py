@@ -10,7 +10,7 @@ import time
 
 import pytest
 import zenoh
-from service_kit import HERE, JOINTS, POSITION, Ear, strictly, wait_for, without_gaps
+from service_kit import HERE, JOINTS, POSITION, RECOVERY_TICKS, Ear, strictly, wait_for, without_gaps
 
 
 def test_a_program_that_knows_nothing_of_us_asks_for_the_zone(shared_service, ear):
@@ -73,7 +73,7 @@ def test_config_says_what_is_in_force(ear):
     assert config["rate_hz"] == 500.0
     assert tuple(config["joint_names"]) == JOINTS
     assert config["sensor_count"] == 8
-    assert config["robot_file"]["profiles"]["kang2022"]["recovery_ticks"] == 25
+    assert config["robot_file"]["profiles"]["kang2022"]["recovery_ticks"] == RECOVERY_TICKS
 
 
 def test_health_counts(ear):

@@ -47,7 +47,7 @@ def decided(robot, accept, position: list[float]):
     }
     values = {source: accept(source, json.dumps(message).encode()) for source, message in sent.items()}
     inputs = Inputs(**{source: Received(value=value, age_s=0.01) for source, value in values.items()})
-    for _ in range(60):
+    for _ in range(monitor.profile.config.recovery_ticks + 10):
         decision = monitor.step(inputs)
     return decision
 
