@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -143,8 +144,18 @@ def test_the_installed_package_finds_the_robot_in_its_dependencies(installed):
     assert "elbow_joint" in installed.run("python", "-c", code).split()
 
 
-def test_the_command_is_installed(installed):
+def test_the_installed_command_runs_the_demo_in_an_empty_folder(installed):
     assert os.access(installed.folder / "bin" / "ssm", os.X_OK)
+    installed.run("ssm", "demo", "--seconds", "4", "--out", "report")
+    report = installed.work / "report"
+    summary = json.loads((report / "summary.json").read_text(encoding="utf-8"))
+    assert summary["decisions"]["received"] > 1000
+    assert {path.name for path in report.glob("*.png")} == {
+        "distance.png",
+        "speeds.png",
+        "path.png",
+        "ticks.png",
+    }
 
 
 def test_constraints_are_plain_pins_that_fit_every_dependency():
