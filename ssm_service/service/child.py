@@ -25,21 +25,30 @@ class EvaluatingProcess:
         self.endpoint = f"unixsock-stream/{Path(self._folder.name) / 'evaluate.sock'}"
         self._process: subprocess.Popen[str] | None = None
         self._options: WorkerOptions | None = None
+        self._deadline = 0.0
 
     def start(self, options: WorkerOptions) -> None:
-        """Start it and wait until it answers queries.
+        """Start it without waiting for it."""
+        self._options = options
+        self._deadline = time.monotonic() + START_TIMEOUT_S
+        self._spawn(options)
+
+    def ready(self) -> bool:
+        """Tell, without waiting, whether it answers queries now.
 
         Raises:
             ServiceError: It ended, or was not ready in time.
         """
-        self._options = options
-        process = self._spawn(options)
-        if process.stdout is None:
-            raise ServiceError("the evaluating process has no pipes")
-        ready, _, _ = select.select([process.stdout], [], [], START_TIMEOUT_S)
-        if not ready or process.stdout.readline().strip() != "ready":
-            self.stop()
-            raise ServiceError("the evaluating process did not start")
+        process = self._process
+        if process is None or process.stdout is None:
+            return False
+        if select.select([process.stdout], [], [], 0.0)[0]:
+            if process.stdout.readline().strip() == "ready":
+                return True
+            raise ServiceError("the evaluating process ended while it was starting")
+        if time.monotonic() > self._deadline:
+            raise ServiceError(f"the evaluating process was not ready within {START_TIMEOUT_S:g} s")
+        return False
 
     def restart_if_dead(self) -> bool:
         """Start it again, without waiting for it, if it has died; return whether it had."""
@@ -49,7 +58,7 @@ class EvaluatingProcess:
         self._spawn(self._options)
         return True
 
-    def _spawn(self, options: WorkerOptions) -> subprocess.Popen[str]:
+    def _spawn(self, options: WorkerOptions) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "ssm_service.service.worker"],
             stdin=subprocess.PIPE,
@@ -59,7 +68,6 @@ class EvaluatingProcess:
         if self._process.stdin is not None:
             self._process.stdin.write(msgspec.json.encode(options).decode() + "\n")
             self._process.stdin.flush()
-        return self._process
 
     def _close_pipes(self) -> None:
         if self._process is not None:

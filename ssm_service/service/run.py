@@ -13,6 +13,8 @@ from .options import ServiceOptions, WorkerOptions
 from .realtime import apply_realtime
 from .service import Service
 
+WAIT_NS = 10_000_000
+
 
 def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
     """Run one service until SIGINT, SIGTERM or the end of its time.
@@ -42,6 +44,7 @@ def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
                     endpoint=worker.endpoint,
                 )
             )
+            _wait_for(worker, service)
             where = [f"listening on {', '.join(listen)}"] if listen else []
             where += [f"connected to {', '.join(options.connect)}"] if options.connect else []
             place = "; ".join(where) or f"endpoints as in {options.zenoh_config}"
@@ -52,6 +55,12 @@ def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
             log(f"ended: {service.summary}")
     finally:
         worker.stop()
+
+
+def _wait_for(worker: EvaluatingProcess, service: Service) -> None:
+    """Wait for the evaluating process; meanwhile queries are answered, with the stop that holds."""
+    while not (worker.ready() or service.stopping):
+        service.answer_for(WAIT_NS)
 
 
 def _stop_on_signals(service: Service) -> None:

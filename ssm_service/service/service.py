@@ -102,6 +102,16 @@ class Service:
             self._outputs.publish_stop("shutdown")
             self._token.undeclare()  # type: ignore[no-untyped-call]
 
+    @property
+    def stopping(self) -> bool:
+        """Whether the loop was asked to end."""
+        return self._stopping
+
+    def answer_for(self, duration_ns: int) -> None:
+        """Answer queries for some time [ns] before the loop runs; everything is still a stop."""
+        self._replies.serve(time.monotonic_ns() + duration_ns)
+        time.sleep(duration_ns * 1e-9)
+
     def stop(self) -> None:
         """Ask the loop to end; safe to call from a signal handler."""
         self._stopping = True

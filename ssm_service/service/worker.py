@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import queue
+import shutil
 import signal
 import sys
 import threading
@@ -147,14 +148,16 @@ def main() -> None:
     options = msgspec.json.decode(sys.stdin.readline(), type=WorkerOptions)
     with open_session(zenoh_config("client", connect=[options.endpoint])) as session:
         worker = EvaluatingWorker(options, session)
-        threading.Thread(target=_end_with_the_service, daemon=True).start()
+        threading.Thread(target=_end_with_the_service, args=(options.endpoint,), daemon=True).start()
         sys.stdout.write("ready\n")
         sys.stdout.flush()
         worker.run()
 
 
-def _end_with_the_service() -> None:
+def _end_with_the_service(endpoint: str) -> None:
     sys.stdin.read()
+    # A service that was killed could not remove the folder of its socket.
+    shutil.rmtree(Path(endpoint.partition("/")[2]).parent, ignore_errors=True)
     os._exit(0)
 
 
