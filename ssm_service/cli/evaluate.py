@@ -137,7 +137,7 @@ def _decoder() -> Decoder[EvaluateInput]:
     from ..wire import Decoder
     from ..wire.messages import EvaluateInput
 
-    return Decoder(EvaluateInput, LINE_LIMIT)
+    return Decoder(EvaluateInput, LINE_LIMIT, explain=True)
 
 
 def _message(decoder: Decoder[EvaluateInput], line: Line) -> EvaluateInput:

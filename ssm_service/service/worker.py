@@ -54,8 +54,8 @@ class EvaluatingWorker:
         keys = Keys(options.name)
         self._keys = {name: keys.output(name) for name in ("evaluate", "frames")}
         self._questions: Decoder[Any] = Decoder(list[msgspec.Raw], EVALUATE_LIMIT)
-        self._question = Decoder(m.EvaluateInput, EVALUATE_LIMIT)
-        self._frames_request = Decoder(m.FramesRequest)
+        self._question = Decoder(m.EvaluateInput, EVALUATE_LIMIT, explain=True)
+        self._frames_request = Decoder(m.FramesRequest, explain=True)
         self._joint_state = Decoder(m.JointState)
         self._waiting: queue.Queue[tuple[str, zenoh.Query]] = queue.Queue(QUEUE_CAPACITY)
         # A callback, not a channel: the time of arrival counts, and a channel does not keep it.
