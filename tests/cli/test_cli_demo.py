@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from conftest import Marked, wait_for_line
+from cli_kit import Marked, wait_for_line
 
 FIGURES = ["distance.png", "speeds.png", "path.png", "ticks.png"]
 

@@ -8,7 +8,7 @@ import math
 import subprocess
 
 import pytest
-from conftest import COMMAND
+from cli_kit import COMMAND
 
 POSITION = [0.3, -1.2, 1.4, 0.0, 0.0, 0.0]
 JOINTS = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]

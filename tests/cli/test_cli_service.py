@@ -6,7 +6,7 @@ import json
 import signal
 import time
 
-from conftest import free_endpoint, wait_for_line
+from cli_kit import free_endpoint, wait_for_line
 
 
 def test_the_commands_talk_to_each_other(ssm, marked, service):
