@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from .hulls import Part
 from .scene import Scene, Slot
+from .surface import Separation, Surface, SurfaceDistance
 
 _INSIDE_M: Final = 2e-6  # [m]; GJK is off by up to 1.7 µm: nearer than this to a hull counts as inside
-_TIGHT_M: Final = 2e-6  # [m]; bounds this close to each other are taken as equal
+_TIGHT_M: Final = 1e-6  # [m]; bounds this close to each other are taken as equal
 _TOUCH_M: Final = 1e-9
 _NEAR_HULL_M: Final = 1e-3
 _FARTHEST_M: Final = 1e5
@@ -53,7 +54,8 @@ class ExactTier:
     are signed. So the mesh decides while the obstacle's core (centre of a sphere, segment of a capsule,
     the solid itself otherwise) does not touch it and the obstacle's centre is outside all pieces of the
     part; otherwise the deepest piece decides. The distance to the core, less the radius, is then signed
-    and exact, and six to ten times faster than the distance to the thick shape.
+    and exact, and six to ten times faster than the distance to the thick shape. Coal is fast from a mesh
+    to a point; to segments and solids it needs many times what ``SurfaceDistance`` does.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -61,6 +63,8 @@ class ExactTier:
         self._request = coal.DistanceRequest()
         self._result = coal.DistanceResult()
         self._point = coal.Sphere(0.0)
+        self._surfaces = {p.first: Surface(p.source.geometry) for p in scene.parts if p.is_mesh}
+        self._surface_distance = SurfaceDistance()
 
     def measure(
         self, part: Part, obstacle: int, hulls: list[float], limit: float = math.inf
@@ -85,14 +89,17 @@ class ExactTier:
             return self._by_hull(part, transform_link, obstacle, limit)
         piece = part.first + distances.index(hull)
         core_limit = max(limit + slot.radius, _TOUCH_M)  # above 0, or a core through the surface goes unseen
-        distance = self._to_core(part, transform_link, slot, piece, hull, core_limit)
-        if distance == core_limit < _FARTHEST_M:
-            return None  # the limit was not beaten; Coal has no points then
-        if 0.0 < distance < _FARTHEST_M:
-            if not distance - slot.radius < limit:
+        if slot.core is slot.solid:
+            found = self._to_solid(part, transform_link, slot, piece, core_limit)
+        else:
+            found = self._to_thin_core(part, transform_link, slot, hull, core_limit)
+        if found is None:
+            return None
+        if found.distance > 0.0:
+            distance = found.distance - slot.radius
+            if not distance < limit:
                 return None
-            link_point, core_point = self._result.getNearestPoint1(), self._result.getNearestPoint2()
-            return Measured(distance - slot.radius, part, obstacle, piece, True, link_point, core_point, None)
+            return Measured(distance, part, obstacle, piece, True, found.mesh_point, found.solid_point, None)
         return self._by_hull(part, transform_link, obstacle, limit)
 
     def _by_hull(self, part: Part, transform_link: Any, obstacle: int, limit: float) -> Measured | None:
@@ -116,39 +123,55 @@ class ExactTier:
                 best = Measured(distance, part, obstacle, part.first + index, False, *points, normal)
         return best
 
-    def _to_core(
-        self, part: Part, transform_link: Any, slot: Slot, piece: int, hull: float, limit: float
-    ) -> float:
-        """Return the distance from mesh to core, or ``limit`` where it is not below it [m]."""
-        if slot.core is slot.solid:
-            # A triangle against a solid is slow. The mesh's distance to the solid's point nearest to the hull
-            # is an upper bound; where the hull lies on the mesh, as it mostly does, it is the distance.
-            self._result.clear()
-            hull = coal.distance(
-                part.pieces[piece - part.first],
-                transform_link,
-                slot.solid,
-                slot.transform_core,
-                self._request,
-                self._result,
-            )
+    def _to_thin_core(
+        self, part: Part, transform_link: Any, slot: Slot, hull: float, limit: float
+    ) -> Separation | None:
+        """Return mesh and centre or segment apart, or None where they are not below ``limit`` [m]."""
+        # The hull mostly lies on the mesh: a limit just above it prunes nearly all triangles.
+        seed = hull + slot.radius + _NEAR_HULL_M
+        if 0.0 < seed < limit:
+            distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
+            if distance != seed:
+                return self._separation(distance)
+        distance = self._run(part, transform_link, slot.core, slot.transform_core, limit)
+        if distance == limit < _FARTHEST_M:
+            return None  # the limit was not beaten; Coal has no points then
+        return self._separation(distance)
+
+    def _to_solid(
+        self, part: Part, transform_link: Any, slot: Slot, piece: int, limit: float
+    ) -> Separation | None:
+        """Return mesh and box or cylinder apart, or None where they are not below ``limit`` [m]."""
+        surface = self._surfaces[part.first]
+        # The mesh's distance to the solid's point nearest to the hull is an upper bound; where the hull lies
+        # on the mesh, as it mostly does, it is the distance.
+        self._result.clear()
+        hull = coal.distance(
+            part.pieces[piece - part.first],
+            transform_link,
+            slot.solid,
+            slot.transform_core,
+            self._request,
+            self._result,
+        )
+        if 0.0 < hull < limit:
             witness = coal.Transform3s(self._result.getNearestPoint2())
             upper = self._run(part, transform_link, self._point, witness, limit)
             if upper < min(limit, hull + _TIGHT_M):
-                return upper
+                return self._separation(upper)
             seed = upper + _TIGHT_M
-            if seed < limit:
-                distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
-                if distance != seed:
-                    return distance
-        else:
-            # The hull mostly lies on the mesh: a limit just above it prunes nearly all triangles.
-            seed = hull + slot.radius + _NEAR_HULL_M
             if 0.0 < seed < limit:
-                distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
-                if distance != seed:
-                    return distance
-        return self._run(part, transform_link, slot.core, slot.transform_core, limit)
+                found = self._surface_distance.measure(surface, transform_link, slot, seed)
+                if found is not None:
+                    return found
+        return self._surface_distance.measure(surface, transform_link, slot, limit)
+
+    def _separation(self, distance: float) -> Separation:
+        return Separation(
+            distance=distance if 0.0 < distance < _FARTHEST_M else 0.0,
+            mesh_point=self._result.getNearestPoint1(),
+            solid_point=self._result.getNearestPoint2(),
+        )
 
     def _run(self, part: Part, transform_link: Any, shape: Any, transform: Any, limit: float) -> float:
         self._result.clear()  # also a limit that an earlier pair left there
