@@ -55,7 +55,7 @@ class ExactTier:
     the solid itself otherwise) does not touch it and the obstacle's centre is outside all pieces of the
     part; otherwise the deepest piece decides. The distance to the core, less the radius, is then signed
     and exact, and six to ten times faster than the distance to the thick shape. Coal is fast from a mesh
-    to a point; to segments and solids it needs many times what ``SurfaceDistance`` does.
+    to a point or a segment; to boxes and cylinders ``SurfaceDistance`` is, where the hull does not tell.
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -72,12 +72,14 @@ class Surface:
 
 
 class SurfaceDistance:
-    """Distance of surfaces to a box, a cylinder or the segment of a capsule.
+    """Distance of surfaces to a box or a cylinder.
 
     The distance d of a point to a convex solid is convex, with a unit gradient g outside the solid. So on a
     triangle, as in a box, ``d(x) + min over the corners v of g(x)·(v - x)`` is a lower bound for any x. At
     the centroid it is off by the second order of the triangle's size only. All clusters are bounded at once,
-    then the triangles of the nearest ones, and the few that the best distance leaves are measured by GJK.
+    then the triangles of the nearest ones, and what the best distance leaves is measured by GJK, one triangle
+    after the other in rising order. Each better distance also has a plane between triangle and solid: what
+    lies behind it, mostly all the rest, is not nearer.
     """
 
     def __init__(self) -> None:
@@ -93,7 +95,7 @@ class SurfaceDistance:
     def measure(
         self, surface: Surface, transform_mesh: Any, slot: Slot, limit: float = math.inf
     ) -> Separation | None:
-        """Measure a surface against a slot's core, a box, a cylinder or a segment.
+        """Measure a surface against a slot's box or cylinder.
 
         Args:
             surface: The mesh.
@@ -107,89 +109,117 @@ class SurfaceDistance:
         R_base_solid, t_base_solid = slot.transform_core.getRotation(), slot.transform_core.getTranslation()
         R = R_base_solid.T @ transform_mesh.getRotation()
         t = (R_base_solid.T @ (transform_mesh.getTranslation() - t_base_solid))[:, np.newaxis]
-        solid = _Solid(slot)
+        solid = Solid(slot.shape, slot.size)
         distances, slopes = solid.slope(R @ surface.middles + t)
         bounds = distances - np.einsum("ij,ij->j", np.abs(R.T @ slopes), surface.halves)
         if not math.isfinite(bounds.sum()):
             return _TOUCHING
-        order = bounds.argsort()
-        bounds = bounds[order]
-        best, point, start, size = limit, None, 0, _FIRST
-        while (stop := min(start + size, int(bounds.searchsorted(_threshold(best, limit))))) > start:
-            distance, nearest = self._nearest(surface, order[start:stop], R, t, slot, solid, best, limit)
-            if not distance > 0.0:
+        best = _Best(limit)
+        rest = bounds.argsort()
+        size = _FIRST if bounds[rest[0]] > 0.0 else 1  # where they touch, one cluster is likely to tell
+        rest = rest[: bounds[rest].searchsorted(best.threshold)]
+        while len(rest):
+            if not self._look_into(surface, rest[:size], R, t, slot.solid, solid, best):
                 return _TOUCHING
-            if nearest is not None:
-                best, point = distance, nearest
-            start, size = stop, size * 4
-        if point is None:
+            rest = rest[size:]
+            rest = rest[bounds[rest] < best.threshold]
+            if best.point is not None and len(rest):
+                normal = R.T @ best.normal
+                apart = normal @ surface.middles[:, rest] - np.abs(normal) @ surface.halves[:, rest]
+                rest = rest[apart + (best.normal @ t - best.support) < best.threshold]
+            size *= 4
+        if best.point is None:
             return None
-        on_solid = solid.nearest(point[:, np.newaxis])[:, 0]
-        distance = math.dist(point, on_solid)
-        if not 0.0 < distance <= best + _WRONG_M:
+        on_solid = solid.nearest(best.point[:, np.newaxis])[:, 0]
+        distance = math.dist(best.point, on_solid)
+        if not 0.0 < distance <= best.distance + _WRONG_M:
             return _TOUCHING
         return Separation(
             distance=distance,
-            mesh_point=R_base_solid @ point + t_base_solid,
+            mesh_point=R_base_solid @ best.point + t_base_solid,
             solid_point=R_base_solid @ on_solid + t_base_solid,
         )
 
-    def _nearest(
+    def _look_into(
         self,
         surface: Surface,
         clusters: NDArray[np.intp],
         R: Array,
         t: Array,
-        slot: Slot,
-        solid: _Solid,
-        best: float,
-        limit: float,
-    ) -> tuple[float, Array | None]:
-        """Return the least distance in some clusters and its point on the mesh, in the solid's frame.
-
-        ``best`` and None where that is not beaten; 0 at the first triangle that touches.
-        """
+        shape: Any,
+        solid: Solid,
+        best: _Best,
+    ) -> bool:
+        """Better ``best``, in the solid's frame, by some clusters; False where a triangle touches."""
         centroids = surface.centroids[:, clusters].reshape(3, -1)
         offsets = surface.offsets[:, :, clusters].reshape(3, 3, -1)
         distances, slopes = solid.slope(R @ centroids + t)
         bounds = distances + np.einsum("kij,ij->kj", offsets, R.T @ slopes).min(axis=0)
-        near = np.flatnonzero(bounds < _threshold(best, limit))
+        near = np.flatnonzero(bounds < best.threshold)
         near = near[bounds[near].argsort()]
         corners = (R @ (centroids[:, near] + offsets[:, :, near]) + t).transpose(2, 0, 1)
-        point: Array | None = None
-        for k, (index, bound) in enumerate(zip(near.tolist(), bounds[near].tolist(), strict=True)):
-            if bound >= _threshold(best, limit):
-                break
-            distance = self._triangle_distance(corners[k], slot)
-            if not bound - _WRONG_M <= distance <= distances[index] + _WRONG_M:
-                return 0.0, None  # touching, or a failure, which is never far
-            if not distance > 0.0:
-                return 0.0, None
-            if distance < best:
-                best, point = distance, self._result.getNearestPoint1()
-        return best, point
+        lower, upper = bounds[near], distances[near]
+        k = 0
+        while k < len(lower) and lower[k] < best.threshold:
+            distance = self._triangle_distance(corners[k], shape)
+            if not max(0.0, lower[k] - _WRONG_M) < distance <= upper[k] + _WRONG_M:
+                return False  # touching, or a failure, which is never far
+            k += 1
+            if distance < best.distance:
+                best.set(distance, self._result.getNearestPoint1(), self._result.getNearestPoint2(), solid)
+                apart = (corners[k:] @ best.normal).min(axis=1) - best.support
+                kept = apart < best.threshold
+                corners, lower, upper, k = corners[k:][kept], lower[k:][kept], upper[k:][kept], 0
+        return True
 
-    def _triangle_distance(self, corners: Array, slot: Slot) -> float:
+    def _triangle_distance(self, corners: Array, shape: Any) -> float:
         self._corners[:] = corners
         self._result.clear()
         return float(
-            coal.distance(
-                self._triangle, self._identity, slot.core, self._identity, self._request, self._result
-            )
+            coal.distance(self._triangle, self._identity, shape, self._identity, self._request, self._result)
         )
 
 
-class _Solid:
-    """The closed form of the distance to a slot's core, in the core's own frame."""
+class _Best:
+    """The best distance so far, in the solid's frame, and a plane before which all that is nearer must lie.
 
-    def __init__(self, slot: Slot) -> None:
+    Attributes:
+        distance: [m]; what is to be beaten.
+        threshold: [m]; from this bound on nothing is of interest any more.
+        point: (3,) on the mesh [m]; None where the limit has not been beaten yet.
+        normal: (3,) unit, from the solid to the point.
+        support: The most that ``normal @ x`` is for a point x of the solid [m].
+    """
+
+    __slots__ = ("distance", "normal", "point", "support", "threshold")
+
+    def __init__(self, limit: float) -> None:
+        self.distance = self.threshold = limit
+        self.point: Array | None = None
+        self.normal = np.zeros(3)
+        self.support = 0.0
+
+    def set(self, distance: float, point: Array, on_solid: Array, solid: Solid) -> None:
+        """Take a better distance."""
+        self.distance = distance
+        self.threshold = max(distance - _TIGHT_M, _TOUCH_M)
+        self.point = point
+        delta = point - on_solid
+        self.normal = delta / max(math.sqrt(delta @ delta), _TINY)
+        self.support = solid.support(self.normal)
+
+
+class Solid:
+    """The closed form of the distance to a box or a cylinder in its own frame."""
+
+    def __init__(self, shape: str, size: tuple[float, ...]) -> None:
+        """Take shape and size as ``Obstacle`` has them."""
         self._half: Array | None = None
-        if slot.shape == "box":
-            self._half = 0.5 * np.array(slot.size)[:, np.newaxis]
+        if shape == "box":
+            self._half = 0.5 * np.array(size)[:, np.newaxis]
             self._minus_half = -self._half
         else:
-            self._radius = slot.size[0] if slot.shape == "cylinder" else 0.0
-            self._half_length = 0.5 * slot.size[1]
+            self._radius, self._half_length = size[0], 0.5 * size[1]
 
     def nearest(self, points: Array) -> Array:
         """Return the points of the solid, (3, n) [m], nearest to ``points``, (3, n) [m]."""
@@ -197,7 +227,7 @@ class _Solid:
             return np.minimum(np.maximum(points, self._minus_half), self._half)
         x, y, z = points
         nearest = np.empty_like(points)
-        scale = self._radius / np.maximum(np.sqrt(x * x + y * y), max(self._radius, _TINY))
+        scale = self._radius / np.maximum(np.sqrt(x * x + y * y), self._radius)
         np.multiply(points[:2], scale, out=nearest[:2])
         np.minimum(np.maximum(z, -self._half_length), self._half_length, out=nearest[2])
         return nearest
@@ -209,10 +239,12 @@ class _Solid:
         apart /= np.maximum(distances, _TINY)
         return distances, apart
 
-
-def _threshold(best: float, limit: float) -> float:
-    """Return the bound [m] from which on nothing is of interest any more."""
-    return max(best - _TIGHT_M, _TOUCH_M) if best < limit else limit
+    def support(self, direction: Array) -> float:
+        """Return the most that ``direction @ x``, (3,), is for a point x of the solid [m]."""
+        if self._half is not None:
+            return float(np.abs(direction) @ self._half[:, 0])
+        x, y, z = direction.tolist()
+        return float(self._radius * math.hypot(x, y) + self._half_length * abs(z))
 
 
 def _short(corners: Array, longest: float) -> Array:
