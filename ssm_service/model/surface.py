@@ -126,7 +126,7 @@ class SurfaceDistance:
             if best.point is not None and len(rest):
                 normal = R.T @ best.normal
                 apart = normal @ surface.middles[:, rest] - np.abs(normal) @ surface.halves[:, rest]
-                rest = rest[apart + (best.normal @ t - best.support) < best.threshold]
+                rest = rest[~(apart + (best.normal @ t - best.support) >= best.threshold)]
             size *= 4
         if best.point is None:
             return None
@@ -168,7 +168,7 @@ class SurfaceDistance:
             if distance < best.distance:
                 best.set(distance, self._result.getNearestPoint1(), self._result.getNearestPoint2(), solid)
                 apart = (corners[k:] @ best.normal).min(axis=1) - best.support
-                kept = apart < best.threshold
+                kept = ~(apart >= best.threshold)  # also where GJK left no points
                 corners, lower, upper, k = corners[k:][kept], lower[k:][kept], upper[k:][kept], 0
         return True
 
