@@ -94,7 +94,7 @@ class DistanceModel:
             return None
         search = _Search(self._scene, self._scene.place(q))
         first = search.nearest_hull()
-        best = self._measure(first, search.with_part(first, self._part_of(first)), math.inf)
+        best = self._measure(first, search, math.inf)
         limit = best.distance if best else math.inf
         seen = {self._pair_of(first)}
         for bound, index in search.hulls_below(limit + _SLACK_M):
@@ -103,7 +103,7 @@ class DistanceModel:
             pair = self._pair_of(index)
             if pair not in seen:
                 seen.add(pair)
-                better = self._measure(index, search.with_part(index, self._part_of(index)), limit)
+                better = self._measure(index, search, limit)
                 if better is not None:
                     best, limit = better, better.distance
         return self._closest_pair(best) if best else None
@@ -142,22 +142,24 @@ class DistanceModel:
         pairs = []
         for parts in self._parts_of_link:
             for obstacle in range(len(self._ids)):
-                measured = [self._exact.measure(part, obstacle, hulls) for part in parts]
+                start = obstacle * self._scene.piece_count
+                measured = [
+                    self._exact.measure(part, obstacle, hulls[start + part.first : start + part.last])
+                    for part in parts
+                ]
                 nearest = min([m for m in measured if m is not None], key=lambda m: m.distance)
                 pairs.append(self._closest_pair(nearest))
         return pairs
-
-    def _part_of(self, index: int) -> Part:
-        return self._part_of_piece[index % self._scene.piece_count]
 
     def _pair_of(self, index: int) -> tuple[int, int]:
         """Return the first piece of the part, and the obstacle, that an index into the hulls speaks of."""
         obstacle, piece = divmod(index, self._scene.piece_count)
         return self._part_of_piece[piece].first, obstacle
 
-    def _measure(self, index: int, hulls: list[float], limit: float) -> Measured | None:
+    def _measure(self, index: int, search: _Search, limit: float) -> Measured | None:
         obstacle, piece = divmod(index, self._scene.piece_count)
-        return self._exact.measure(self._part_of_piece[piece], obstacle, hulls, limit)
+        part = self._part_of_piece[piece]
+        return self._exact.measure(part, obstacle, search.of_part(index, part), limit)
 
     def _closest_pair(self, measured: Measured) -> ClosestPair:
         link_point, obstacle_point, normal = self._witness.of(measured)
@@ -181,38 +183,37 @@ class _Search:
 
     def __init__(self, scene: Scene, bounds: NDArray[np.float64]) -> None:
         self._scene = scene
+        self._count = scene.piece_count
         self._bounds = bounds.ravel() - _SLACK_M  # rounding, with plenty of room
-        self._hulls = [math.inf] * self._bounds.size
-        self._measured: set[int] = set()
+        self._hulls: dict[int, float] = {}
 
     def nearest_hull(self) -> int:
         """Return the index of the least hull distance."""
         best = int(self._bounds.argmin())
-        for index in self._below(self._hull(best)):
-            if self._bounds[index] >= self._hulls[best]:
+        least = self._hull(best)
+        for bound, index in self._below(least):
+            if bound >= least:
                 break
-            if self._hull(index) < self._hulls[best]:
-                best = index
+            hull = self._hull(index)
+            if hull < least:
+                best, least = index, hull
         return best
 
     def hulls_below(self, limit: float) -> list[tuple[float, int]]:
         """Return all hull distances below a limit [m] with their indices, in rising order."""
-        return sorted([(hull, index) for index in self._below(limit) if (hull := self._hull(index)) < limit])
+        return sorted([(hull, i) for _, i in self._below(limit) if (hull := self._hull(i)) < limit])
 
-    def with_part(self, index: int, part: Part) -> list[float]:
-        """Return the hull distances, in which all of a part's, to the obstacle of ``index``, are measured."""
-        start = index - index % self._scene.piece_count
-        for piece in range(part.first, part.last):
-            self._hull(start + piece)
-        return self._hulls
+    def of_part(self, index: int, part: Part) -> list[float]:
+        """Return the hull distances of all of a part's pieces to the obstacle of ``index`` [m]."""
+        start = index - index % self._count
+        return [self._hull(start + piece) for piece in range(part.first, part.last)]
 
-    def _below(self, limit: float) -> list[int]:
-        near = np.flatnonzero(self._bounds < limit)
-        order: list[int] = near[self._bounds[near].argsort(kind="stable")].tolist()
-        return order
+    def _below(self, limit: float) -> list[tuple[float, int]]:
+        near = (self._bounds < limit).nonzero()[0].tolist()
+        return sorted([(float(self._bounds[index]), index) for index in near])
 
     def _hull(self, index: int) -> float:
-        if index not in self._measured:
-            self._measured.add(index)
-            self._hulls[index] = self._scene.measure(*divmod(index, self._scene.piece_count))
-        return self._hulls[index]
+        hull = self._hulls.get(index)
+        if hull is None:
+            hull = self._hulls[index] = self._scene.measure(*divmod(index, self._count))
+        return hull

@@ -17,7 +17,7 @@ from .surface import Separation, Surface, SurfaceDistance
 _INSIDE_M: Final = 2e-6  # [m]; GJK is off by up to 1.7 µm: nearer than this to a hull counts as inside
 _TIGHT_M: Final = 1e-6  # [m]; bounds this close to each other are taken as equal
 _TOUCH_M: Final = 1e-9
-_NEAR_HULL_M: Final = 1e-3
+_NEAR_HULL_M: Final = (5e-6, 1e-3)
 _FARTHEST_M: Final = 1e5
 """No distance of a robot to an obstacle within 1 km is beyond this; Coal's 'not computed' is."""
 
@@ -74,20 +74,18 @@ class ExactTier:
         Args:
             part: The link's geometry.
             obstacle: Index of the obstacle.
-            hulls: What ``Scene.compute`` returned.
+            hulls: Distances of the part's hull pieces to the obstacle, in their order [m].
             limit: Only distances below this are of interest [m].
 
         Returns:
             The signed distance, or None where it is not below ``limit``.
         """
-        start = obstacle * self._scene.piece_count
-        distances = hulls[start + part.first : start + part.last]
-        hull = min(distances)
-        slot = self._scene.slots[obstacle]
-        transform_link = coal.Transform3s(self._scene.placement_of(part))
+        hull = min(hulls)
+        slot = self._scene.slot(obstacle)
+        transform_link = self._scene.transform_of(part)
         if not part.is_mesh or self._centre_inside(part, transform_link, slot, hull):
             return self._by_hull(part, transform_link, obstacle, limit)
-        piece = part.first + distances.index(hull)
+        piece = part.first + hulls.index(hull)
         core_limit = max(limit + slot.radius, _TOUCH_M)  # above 0, or a core through the surface goes unseen
         if slot.core is slot.solid:
             found = self._to_solid(part, transform_link, slot, piece, core_limit)
@@ -107,7 +105,7 @@ class ExactTier:
 
         (The scene's solvers keep where they last looked, which moves results within GJK's tolerance.)
         """
-        slot = self._scene.slots[obstacle]
+        slot = self._scene.slot(obstacle)
         best: Measured | None = None
         for index, shape in enumerate(part.pieces):
             self._result.clear()
@@ -128,11 +126,12 @@ class ExactTier:
     ) -> Separation | None:
         """Return mesh and centre or segment apart, or None where they are not below ``limit`` [m]."""
         # The hull mostly lies on the mesh: a limit just above it prunes nearly all triangles.
-        seed = hull + slot.radius + _NEAR_HULL_M
-        if 0.0 < seed < limit:
-            distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
-            if distance != seed:
-                return self._separation(distance)
+        for above in _NEAR_HULL_M:
+            seed = hull + slot.radius + above
+            if 0.0 < seed < limit:
+                distance = self._run(part, transform_link, slot.core, slot.transform_core, seed)
+                if distance != seed:
+                    return self._separation(distance)
         distance = self._run(part, transform_link, slot.core, slot.transform_core, limit)
         if distance == limit < _FARTHEST_M:
             return None  # the limit was not beaten; Coal has no points then

@@ -56,6 +56,7 @@ class Robot:
         rings: The sensor rings.
         ring_slices: For each ring, its part of the concatenated readings.
         sensor_count: Number of sensors of all rings.
+        ring_of_sensor: Each sensor's ring, in the order of the readings.
         monitored_links: The links whose distance is monitored.
         model: Pinocchio's model.
         collision: Pinocchio's collision geometry.
@@ -83,6 +84,7 @@ class Robot:
         ends = np.cumsum([0, *(ring.count for ring in self.rings)]).tolist()
         self.ring_slices = tuple(slice(a, b) for a, b in itertools.pairwise(ends))
         self.sensor_count: int = ends[-1]
+        self.ring_of_sensor = tuple(ring for ring in self.rings for _ in range(ring.count))
         for array in (
             self.position_lower,
             self.position_upper,

@@ -55,7 +55,6 @@ class Scene:
     Attributes:
         parts: The links' geometries.
         piece_count: Number of hull pieces of all parts.
-        slots: The slots in use, in the order of the obstacles.
         results: Coal's results, for each obstacle the pieces in their order: piece ``k`` and obstacle ``j``
             at ``j * piece_count + k``.
     """
@@ -63,26 +62,44 @@ class Scene:
     def __init__(self, robot: Robot, parts: tuple[Part, ...]) -> None:
         self.parts = parts
         self.piece_count = sum(len(part.pieces) for part in parts)
-        self.slots: list[Slot] = []
+        self._slots: list[Slot] = []
+        self._obstacles: tuple[Obstacle, ...] = ()
+        self._written: list[bool] = []
         self.results: list[Any] = []
         self._model = robot.model
         self._data = robot.model.createData()
         self._capacity = dict(_FIRST_CAPACITY)
         self._shapes: tuple[str, ...] = ()
-        self._balls = [_ball(piece) for part in parts for piece in part.pieces]
+        balls = [_ball(piece) for part in parts for piece in part.pieces]
+        self._ball_in_piece = [centre for centre, _ in balls]
         self._pieces = [piece for part in parts for piece in part.pieces]
-        self._piece_radii = np.array([radius for _, radius in self._balls])
-        self._centres = np.empty((0, 3))
+        self._piece_radii = np.array([radius for _, radius in balls])
+        self._centres = np.empty((0, 1, 3))
         self._reach = np.empty((0, len(self._pieces)))
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._build()
 
     def set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
-        """Write sizes and poses; only a change of the sequence of shapes costs more than that."""
+        """Take the obstacles. Only a change of the sequence of shapes costs more than a few microseconds.
+
+        Coal learns a size and a pose when it is first asked about the obstacle (``slot``): most obstacles
+        are too far away for that.
+        """
         shapes = tuple([obstacle.shape for obstacle in obstacles])
         if shapes != self._shapes:
             self._allot(shapes)
-        for slot, obstacle in zip(self.slots, obstacles, strict=True):
+        self._obstacles = tuple(obstacles)
+        self._written = [False] * len(shapes)
+        self._centres = np.array([obstacle.position for obstacle in obstacles]).reshape(-1, 1, 3)
+        radii = np.array([_ball_radius(obstacle) for obstacle in obstacles])
+        self._reach = radii[:, np.newaxis] + self._piece_radii
+
+    def slot(self, index: int) -> Slot:
+        """Return an obstacle's slot, with its size and pose written."""
+        slot = self._slots[index]
+        if not self._written[index]:
+            self._written[index] = True
+            obstacle = self._obstacles[index]
             if slot.size != obstacle.size:
                 _write_size(slot, obstacle.size)
             centre = np.array(obstacle.position)
@@ -92,9 +109,7 @@ class Scene:
                 rotation = obstacle.rotation()
                 slot.placement.rotation = rotation
                 slot.transform_core.setRotation(rotation)
-        self._centres = np.array([obstacle.position for obstacle in obstacles]).reshape(-1, 3)
-        radii = np.array([_ball_radius(obstacle) for obstacle in obstacles])
-        self._reach = radii[:, np.newaxis] + self._piece_radii
+        return slot
 
     def compute(self, q: NDArray[np.float64]) -> list[float]:
         """Compute the signed distances of all pieces to all obstacles.
@@ -102,6 +117,8 @@ class Scene:
         Returns:
             In the order of ``results`` [m]; ``-inf`` where Coal failed, so that failure is never far.
         """
+        for index in range(len(self._slots)):
+            self.slot(index)
         pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, q)
         distances = [result.min_distance for result in self.results]
         if not abs(sum(distances)) < _FAILED:  # one sum finds NaN, inf and Coal's 1.8e308
@@ -115,19 +132,17 @@ class Scene:
             (n_obstacles, n_pieces) [m], never above the distance of the hull piece.
         """
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
-        placements = self._geometry_data.oMg
-        pieces = np.array([placements[i].act(centre) for i, (centre, _) in enumerate(self._balls)])
-        apart = self._centres[:, np.newaxis] - pieces
+        apart = self._centres - np.array(self._ball_centres)
         bounds: NDArray[np.float64] = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)) - self._reach
         return bounds
 
     def measure(self, obstacle: int, piece: int) -> float:
         """Return the signed distance of one hull piece to one obstacle [m]; ``-inf`` where Coal failed."""
-        slot = self.slots[obstacle]
+        slot = self.slot(obstacle)
         self._result.clear()
         distance = coal.distance(
             self._pieces[piece],
-            coal.Transform3s(self._geometry_data.oMg[piece]),
+            self._transform_of_piece(piece),
             slot.solid,
             slot.transform_core,
             self._request,
@@ -144,6 +159,15 @@ class Scene:
         """Return the pose of a part's geometry in the base frame, as of the last computation."""
         return self._geometry_data.oMg[part.first]
 
+    def transform_of(self, part: Part) -> Any:
+        """Return Coal's pose of a part, link to base, as of the last computation; not to be kept."""
+        return self._transform_of_piece(part.first)
+
+    def _transform_of_piece(self, piece: int) -> Any:
+        transform, rotation, translation = self._poses[piece]
+        transform.setTransform(rotation, translation)
+        return transform
+
     def _allot(self, shapes: tuple[str, ...]) -> None:
         """Give each obstacle a slot of its shape, and switch the pairs of the other slots off."""
         grown = False
@@ -154,12 +178,12 @@ class Scene:
         if grown:
             self._build()
         free = {shape: iter(slots) for shape, slots in self._all_slots.items()}
-        self.slots = [next(free[shape]) for shape in shapes]
-        in_use = {id(slot) for slot in self.slots}
+        self._slots = [next(free[shape]) for shape in shapes]
+        in_use = {id(slot) for slot in self._slots}
         for slots in self._all_slots.values():
             for slot in slots:
                 self._switch(slot, id(slot) in in_use)
-        self.results = [result for slot in self.slots for result in slot.results]
+        self.results = [result for slot in self._slots for result in slot.results]
         self._shapes = shapes
 
     def _switch(self, slot: Slot, active: bool) -> None:
@@ -190,19 +214,37 @@ class Scene:
         kinds = [shape for shape, count in self._capacity.items() for _ in range(count)]
         for shape in kinds:
             self._add(f"{shape}/{self._geometry.ngeoms}", 0, 0, pin.SE3.Identity(), _solid(shape))
+        first_ball = self._geometry.ngeoms
+        self._add_balls()
         pairs = pin.StdVec_CollisionPair()
         for j in range(len(kinds)):
             for piece in range(self.piece_count):
                 pairs.append(pin.CollisionPair(piece, self.piece_count + j))
         self._geometry.collisionPairs.extend(pairs)
         self._geometry_data = pin.GeometryData(self._geometry)
+        # Pinocchio's own memory, seen as arrays: each placement rewrites it.
+        placements = self._geometry_data.oMg
+        self._ball_centres = [placements[first_ball + i].translation for i in range(self.piece_count)]
+        self._poses = [
+            (coal.Transform3s(), placements[i].rotation, placements[i].translation)
+            for i in range(self.piece_count)
+        ]
         self._all_slots: dict[str, list[Slot]] = {shape: [] for shape in self._capacity}
         for j, shape in enumerate(kinds):
             self._all_slots[shape].append(self._slot(shape, j))
-        self.slots, self.results, self._shapes = [], [], ()
+        self._slots, self.results, self._shapes = [], [], ()
+        self._obstacles, self._written = (), []
         for slots in self._all_slots.values():
             for slot in slots:
                 self._switch(slot, False)
+
+    def _add_balls(self) -> None:
+        """Add a point in the middle of each piece, so that Pinocchio places it with the rest."""
+        sources = [part.source for part in self.parts for _ in part.pieces]
+        for source, centre in zip(sources, self._ball_in_piece, strict=True):
+            placement = source.placement * pin.SE3(np.eye(3), centre)
+            name = f"{source.name}/{self._geometry.ngeoms}"
+            self._add(name, source.parentJoint, source.parentFrame, placement, coal.Sphere(1.0))
 
     def _add(self, name: str, joint: int, frame: int, placement: Any, shape: Any) -> None:
         self._geometry.addGeometryObject(pin.GeometryObject(name, joint, frame, placement, shape))

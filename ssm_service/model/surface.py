@@ -132,7 +132,7 @@ class SurfaceDistance:
             return None
         on_solid = solid.nearest(best.point[:, np.newaxis])[:, 0]
         distance = math.dist(best.point, on_solid)
-        if not 0.0 < distance <= best.distance + _WRONG_M:
+        if not 0.0 < distance <= best.distance + _WRONG_M:  # GJK claimed less than its own point says
             return _TOUCHING
         return Separation(
             distance=distance,
@@ -162,7 +162,7 @@ class SurfaceDistance:
         k = 0
         while k < len(lower) and lower[k] < best.threshold:
             distance = self._triangle_distance(corners[k], shape)
-            if not max(0.0, lower[k] - _WRONG_M) < distance <= upper[k] + _WRONG_M:
+            if not 0.0 < distance <= upper[k] + _WRONG_M:
                 return False  # touching, or a failure, which is never far
             k += 1
             if distance < best.distance:

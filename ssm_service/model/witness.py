@@ -26,7 +26,7 @@ class Witness:
 
     def of(self, measured: Measured) -> tuple[Vector, Vector, Vector]:
         """Return point on link, point on obstacle and normal (obstacle to link), each (3,), base frame."""
-        slot = self._scene.slots[measured.obstacle]
+        slot = self._scene.slot(measured.obstacle)
         if not measured.by_mesh:
             link_point, obstacle_point = measured.link_point, measured.obstacle_point
             if not (_finite(link_point) and _finite(obstacle_point)):

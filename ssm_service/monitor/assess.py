@@ -83,17 +83,15 @@ def nearest_by_rings(robot: Robot, kinematics: Kinematics, ranges: NDArray[np.fl
     Returns:
         ``None`` where no sensor has an echo.
     """
-    index = int(np.argmin(ranges)) if len(ranges) else 0
-    if not len(ranges) or math.isinf(ranges[index]):
+    if not len(ranges):
         return None
-    ring = next(
-        ring
-        for ring, part in zip(robot.rings, robot.ring_slices, strict=True)
-        if part.start <= index < part.stop
-    )
+    index = int(ranges.argmin())
+    distance = float(ranges[index])
+    if math.isinf(distance):
+        return None
+    ring = robot.ring_of_sensor[index]
     T_base_sensor = kinematics.transform_sensors_to_base[index]
     direction = T_base_sensor[:3, 0]
-    distance = float(ranges[index])
     return Nearest(
         source="ranges",
         link=ring.parent_frame,

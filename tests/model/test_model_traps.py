@@ -84,7 +84,7 @@ def test_trap_2_a_pose_that_is_not_finite(robot, world, model, shape):
     far = raw(robot, world, position, "forearm_link", coal.Sphere(0.05), (math.nan, 0, 0))
     assert far > 1e300
     model.set_obstacles([random_obstacle(np.random.default_rng(0), shape)])
-    slot = model._scene.slots[0]
+    slot = model._scene.slot(0)
     bad = np.array([math.nan, 0.0, 0.0])
     slot.placement.translation = bad
     slot.transform_core.setTranslation(bad)
@@ -141,8 +141,8 @@ def test_trap_4_a_bound_that_is_not_beaten(robot, model):
             hulls = model._scene.compute(robot.pinocchio_configuration(position))
             for part in model._parts:
                 exact = pairs[part.link].distance
-                assert model._exact.measure(part, 0, hulls, exact - 1e-4) is None
-                below = model._exact.measure(part, 0, hulls, exact + 1e-3)
+                assert model._exact.measure(part, 0, hulls[part.first : part.last], exact - 1e-4) is None
+                below = model._exact.measure(part, 0, hulls[part.first : part.last], exact + 1e-3)
                 assert below.distance == pytest.approx(exact, abs=5e-6)
                 assert np.isfinite([*below.link_point, *below.obstacle_point]).all()
                 refused += 1
