@@ -276,13 +276,13 @@ def test_what_touches_is_the_hull_s_business(model, robot, shape):
     for position in random_positions(robot, rng, 25):
         model.set_obstacles([random_obstacle(rng, shape, reach=0.5)])
         hulls = model._scene.compute(robot.pinocchio_configuration(position))
-        slot = model._scene.slot(0)
+        slot = model._scene.slots[0]
         for part in [part for part in model._parts if part.is_mesh]:
             transform = coal.Transform3s(model._scene.placement_of(part))
             found = SurfaceDistance().measure(model._exact._surfaces[part.first], transform, slot)
             if found.distance == 0.0:
                 contacts += 1
-                measured = model._exact.measure(part, 0, hulls[part.first : part.last])
+                measured = model._exact.measure(part, 0, hulls)
                 assert not measured.by_mesh
                 assert measured.distance <= 2e-6
     assert contacts > 8
@@ -292,7 +292,7 @@ def test_what_touches_is_the_hull_s_business(model, robot, shape):
 def test_a_touch_is_found_behind_a_near_miss(gap):
     """What is nearer by less than the tolerance is not looked for, unless it may touch."""
     obstacle = solid_of("box", (1.0, 1.0, 1.0))
-    across = np.array([[0.1, 0.0, -0.1], [-0.1, 0.1, 0.1], [-0.1, -0.1, 0.1]])
+    across = np.array([[0.05, 0.0, -0.05], [-0.05, 0.05, 0.05], [-0.05, -0.05, 0.05]])
     near = across[None] + np.array([0.5, 0.0, 0.5]) + gap * math.sqrt(0.5) * np.array([1.0, 0.0, 1.0])
     assert measure(near, obstacle).distance == pytest.approx(gap, abs=1e-7)
     through = np.array([[[-0.4, -0.1, 0.4999], [-0.2, -0.1, 0.4999], [-0.3, 0.1, 0.4999]]])
