@@ -10,7 +10,7 @@ import zenoh
 from ..errors import InputError
 from ..model import Robot
 from ..monitor import SOURCES, Inputs, Received
-from ..wire import VALUES, Decoder, Keys, ProducerGate
+from ..wire import VALUES, Decoder, Keys, ProducerGate, encoding_of, names_another
 from ..wire.messages import INPUTS
 from .statistics import Rejections
 
@@ -38,7 +38,8 @@ class Source(Generic[T]):
         self._timeout_ns = int(timeout_s * 1e9)
         self._robot = robot
         self._rejections = rejections
-        self._decoder: Decoder[Any] = Decoder(INPUTS[name])
+        self._kind = INPUTS[name]
+        self._decoder: Decoder[Any] = Decoder(self._kind)
         self._to_value: Any = VALUES[name]
         channel: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(CHANNEL_CAPACITY)
         self._subscriber = session.declare_subscriber(keys.input(name), channel)
@@ -73,6 +74,11 @@ class Source(Generic[T]):
     def _accept(self, sample: zenoh.Sample, now_ns: int) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
             raise InputError("not_put", "sample", "a delete", "a put")
+        encoding = str(sample.encoding)
+        if names_another(encoding, self._kind):
+            raise InputError(
+                "wrong_encoding", "encoding", encoding, f"{encoding_of(self._kind)}, or no schema"
+            )
         message = self._decoder.decode(sample.payload.to_bytes())
         seconds = now_ns * 1e-9
         # Another producer must have come a timeout later than the present one's last message, however long

@@ -13,7 +13,7 @@ from .convert import (
 from .decode import Decoder, all_finite
 from .gate import ProducerGate
 from .keys import Keys, robot_of
-from .messages import encoding_of, json_schemas
+from .messages import encoding_of, json_schemas, names_another
 
 __all__ = [
     "VALUES",
@@ -26,6 +26,7 @@ __all__ = [
     "evaluate_message",
     "frames_message",
     "json_schemas",
+    "names_another",
     "obstacles_from",
     "optional_readings",
     "question_from",

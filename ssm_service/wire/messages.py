@@ -346,6 +346,16 @@ def encoding_of(message: type[Message]) -> str:
     return f"application/json;ssm.{message.__name__}/{VERSION}"
 
 
+def names_another(encoding: str, message: type[Message]) -> bool:
+    """Tell whether a Zenoh encoding names one of our schemas, but not this message's.
+
+    A simple driver may name none (``application/json``, or nothing at all). One that names another
+    has sent this to the wrong key, or the network has delivered it there.
+    """
+    _, _, schema = encoding.partition(";")
+    return schema.startswith("ssm.") and encoding != encoding_of(message)
+
+
 def json_schemas() -> dict[str, Any]:
     """Return one JSON Schema document with a definition for every message."""
     import msgspec

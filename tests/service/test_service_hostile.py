@@ -131,6 +131,7 @@ def test_deletes_wrong_encodings_and_wildcards(watcher, stranger):
         return refusals(watcher.health(), "joints") - refusals(before, "joints")
 
     wait_for(lambda: joints() == 1 + 4 + 3)
+    assert watcher.health()["rejected"]["joints"]["wrong_encoding"] == 1
     assert refusals(watcher.health(), "target") - refusals(before, "target") == 1 + 2
 
 

@@ -19,6 +19,7 @@ from ssm_service.wire import (
     evaluate_message,
     frames_message,
     json_schemas,
+    names_another,
     optional_readings,
     question_from,
     zone_message,
@@ -163,3 +164,11 @@ def test_what_may_be_left_out_of_an_obstacle(accept):
 
 def test_an_empty_list_of_obstacles_is_a_value(accept):
     assert accept("obstacles", json.dumps({**VALID["obstacles"], "obstacles": []}).encode()) == ()
+
+
+def test_only_another_schema_of_ours_is_a_wrong_encoding():
+    own = encoding_of(m.Ranges)
+    for fits in (own, "application/json", "zenoh/bytes", "zenoh/string", "text/plain", ""):
+        assert not names_another(fits, m.Ranges)
+    for other in (encoding_of(m.Zone), "application/json;ssm.Ranges/2", "text/json;ssm.Ranges/1"):
+        assert names_another(other, m.Ranges)
