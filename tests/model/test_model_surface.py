@@ -276,13 +276,13 @@ def test_what_touches_is_the_hull_s_business(model, robot, shape):
     for position in random_positions(robot, rng, 25):
         model.set_obstacles([random_obstacle(rng, shape, reach=0.5)])
         hulls = model._scene.compute(robot.pinocchio_configuration(position))
-        slot = model._scene.slots[0]
+        slot = model._scene.slot(0)
         for part in [part for part in model._parts if part.is_mesh]:
             transform = coal.Transform3s(model._scene.placement_of(part))
             found = SurfaceDistance().measure(model._exact._surfaces[part.first], transform, slot)
             if found.distance == 0.0:
                 contacts += 1
-                measured = model._exact.measure(part, 0, hulls)
+                measured = model._exact.measure(part, 0, hulls[part.first : part.last])
                 assert not measured.by_mesh
                 assert measured.distance <= 2e-6
     assert contacts > 8
