@@ -10,7 +10,7 @@ from pathlib import Path
 import zenoh
 
 from ..errors import NoServiceError, ServiceError
-from ..wire.session import open_session, zenoh_config
+from ..wire.session import close_session, open_session, zenoh_config
 
 RETRY_S = 0.1
 """Between two attempts to open [s]."""
@@ -72,7 +72,7 @@ class Connection:
             session, self._session = self._session, None
             self._trouble = "the connection was closed"
         if session is not None:
-            session.close()  # type: ignore[no-untyped-call]
+            close_session(session)
         if self._thread is not None:
             # A thread that the interpreter's end finds inside Zenoh makes the whole process abort.
             self._thread.join(CLOSING_S)
@@ -91,4 +91,4 @@ class Connection:
                     self._session = session
                     self._opened.set()
                     return
-            session.close()  # type: ignore[no-untyped-call]
+            close_session(session)

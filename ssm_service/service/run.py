@@ -7,7 +7,7 @@ from collections.abc import Callable
 from types import FrameType
 
 from ..model import Robot
-from ..wire.session import DEFAULT_ENDPOINT, open_session, zenoh_config
+from ..wire.session import DEFAULT_ENDPOINT, close_session, open_session, zenoh_config
 from .child import EvaluatingProcess
 from .options import ServiceOptions, WorkerOptions
 from .realtime import apply_realtime
@@ -33,7 +33,8 @@ def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
         config = zenoh_config(
             "router", listen=[*listen, worker.endpoint], connect=options.connect, file=options.zenoh_config
         )
-        with open_session(config) as session:
+        session = open_session(config)
+        try:
             service = Service(robot, session, options, log, worker)
             _stop_on_signals(service)
             worker.start(
@@ -53,6 +54,8 @@ def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
             log("ready")
             service.run()
             log(f"ended: {service.summary}")
+        finally:
+            close_session(session)
     finally:
         worker.stop()
 

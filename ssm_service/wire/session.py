@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +15,9 @@ from ..errors import ConfigError, ServiceError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a service listens, and its consumers dial, when nothing else is said."""
+
+CLOSE_TIMEOUT_S = 0.3
+_closing: list[threading.Thread] = []
 
 Mode = Literal["router", "client", "peer"]
 
@@ -114,6 +118,24 @@ def open_session(config: zenoh.Config) -> zenoh.Session:
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise ServiceError(f"Zenoh session could not be opened: {_said(error)}") from error
+
+
+def close_session(session: zenoh.Session, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
+    """Close a session, but wait no longer than ``timeout_s`` for it.
+
+    Zenoh takes up to ten seconds to say goodbye to a frozen peer. What is not done in time goes on in a
+    thread; a process in which ``still_closing`` then ends by ``os._exit``, because the interpreter must not
+    end under a thread that is inside Zenoh.
+    """
+    thread = threading.Thread(target=session.close, name="ssm-closing", daemon=True)
+    thread.start()
+    thread.join(timeout_s)
+    _closing.append(thread)
+
+
+def still_closing() -> bool:
+    """Tell whether a session that was closed has not yet come to its end."""
+    return any(thread.is_alive() for thread in _closing)
 
 
 def _said(error: Exception) -> str:
