@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from typing import Any
@@ -256,3 +257,37 @@ def test_rates_hold():
             assert skipped < 0.1 * ticks
             assert after["lateness_us"]["p50"] < 0.25e6 / rate
             assert zones[0]["valid_for_ns"] == (60_000_000 if rate == 50 else 20_000_000)
+
+
+FROZEN_CLIENT = """
+import sys, time, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", f'["{sys.argv[1]}"]')
+with zenoh.open(config) as session:
+    ear = session.declare_subscriber("ssm/ur3/**", zenoh.handlers.RingChannel(1))
+    print("listening", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_frozen_client_does_not_delay_the_end():
+    """Zenoh alone would take ten seconds to say goodbye to it."""
+    command = [sys.executable, "-m", "ssm_service.cli", "run", "--robot", "ur3", "--listen", "ENDPOINT"]
+    with running(command=command) as service:
+        client = subprocess.Popen(
+            [sys.executable, "-c", FROZEN_CLIENT, service.endpoint], stdout=subprocess.PIPE, text=True
+        )
+        try:
+            assert client.stdout is not None
+            assert client.stdout.readline() == "listening\n"
+            time.sleep(0.5)
+            client.send_signal(signal.SIGSTOP)
+            time.sleep(0.05)  # less than the lease: the link still counts as alive
+            began = time.monotonic()
+            service.signal(signal.SIGINT)
+            assert service.popen.wait(20) == 0
+            assert time.monotonic() - began < 1.0
+        finally:
+            client.kill()
+            client.communicate()
