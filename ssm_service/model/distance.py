@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from .exact import ExactTier, Measured
@@ -20,8 +20,7 @@ from .witness import Witness
 _SLACK_M: Final = 5e-6  # GJK's hull distances exceed the mesh's by up to 1.7 µm
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ClosestPair:
+class ClosestPair(Struct, frozen=True, kw_only=True, eq=False):
     """The nearest points of a link and an obstacle; all vectors in the base frame.
 
     Attributes:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pinocchio as pin
+from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from ..config import RobotConfig, load_robot_config
@@ -20,8 +20,7 @@ from .rings import Ring
 _LARGEST_SPEED: Final = 1e6  # parsers write the greatest double where the URDF gives no limit
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Kinematics:
+class Kinematics(Struct, frozen=True, kw_only=True, eq=False):
     """Poses and Jacobian at one joint position; all arrays are the caller's own.
 
     Attributes:

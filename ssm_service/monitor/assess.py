@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from ..config import SourcesConfig
@@ -18,8 +18,7 @@ PERCEPTION = ("ranges", "obstacles")
 """The sources that say how near something is."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Assessment:
+class Assessment(Struct, frozen=True, kw_only=True, eq=False):
     """The zone of one tick alone, and why.
 
     Attributes:

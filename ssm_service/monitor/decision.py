@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from ..safety import SourceStatus, Zone
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Nearest:
+class Nearest(Struct, frozen=True, kw_only=True, eq=False):
     """The nearest thing of one source, in the base frame.
 
     Attributes:
@@ -33,8 +31,7 @@ class Nearest:
     normal: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SourceReport:
+class SourceReport(Struct, frozen=True, kw_only=True, eq=False):
     """One source as this tick saw it.
 
     Attributes:
@@ -48,8 +45,7 @@ class SourceReport:
     distance: float | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decision:
+class Decision(Struct, frozen=True, kw_only=True, eq=False):
     """Zone, limits and command of one tick, all from the same snapshot.
 
     Attributes:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from ..config import SourcesConfig
@@ -17,8 +16,7 @@ from .command import wanted_velocity
 from .inputs import JointSample, Target
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvaluationInput:
+class EvaluationInput(Struct, frozen=True, kw_only=True, eq=False):
     """One question; a source that is ``None`` counts as not configured.
 
     Attributes:
@@ -36,8 +34,7 @@ class EvaluationInput:
     target: Target | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvaluatedPair:
+class EvaluatedPair(Struct, frozen=True, kw_only=True, eq=False):
     """A link and an obstacle.
 
     Attributes:
@@ -50,8 +47,7 @@ class EvaluatedPair:
     closing_speed: float | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluation:
+class Evaluation(Struct, frozen=True, kw_only=True, eq=False):
     """What the service would say: the zone of this snapshot alone, without recovery.
 
     Attributes:

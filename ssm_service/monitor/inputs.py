@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from ..errors import InputError, listed
@@ -32,8 +32,7 @@ SPEED_SLACK = 10.0
 """How many times a joint's speed limit a measured speed may be before it is refused."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointSample:
+class JointSample(Struct, frozen=True, kw_only=True, eq=False):
     """Measured joint state in the robot's joint order.
 
     Attributes:
@@ -45,8 +44,7 @@ class JointSample:
     velocity: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
+class Target(Struct, frozen=True, kw_only=True, eq=False):
     """The wanted motion.
 
     Attributes:
@@ -59,8 +57,7 @@ class Target:
     value: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Received(Generic[T]):
+class Received(Struct, Generic[T], frozen=True, kw_only=True, eq=False):
     """The newest accepted value of a source.
 
     Attributes:
@@ -74,8 +71,7 @@ class Received(Generic[T]):
     invalid: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Inputs:
+class Inputs(Struct, frozen=True, kw_only=True, eq=False):
     """Everything that one tick may know.
 
     Attributes:
@@ -87,10 +83,10 @@ class Inputs:
         duplicate: Whether another service was heard under the same name.
     """
 
-    joints: Received[JointSample] = field(default_factory=Received)
-    ranges: Received[NDArray[np.float64]] = field(default_factory=Received)
-    obstacles: Received[tuple[Obstacle, ...]] = field(default_factory=Received)
-    target: Received[Target] = field(default_factory=Received)
+    joints: Received[JointSample] = Received()
+    ranges: Received[NDArray[np.float64]] = Received()
+    obstacles: Received[tuple[Obstacle, ...]] = Received()
+    target: Received[Target] = Received()
     overrun_s: float = 0.0
     duplicate: bool = False
 

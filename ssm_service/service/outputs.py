@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import msgspec
 import numpy as np
 import zenoh
+from msgspec.structs import replace
 
 from ..monitor import Decision
 from ..safety import Zone

@@ -8,13 +8,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import zenoh
+from msgspec.structs import replace
 from service_kit import HEALTHY, alive, wait_for
 
 from ssm_service.errors import ConfigError, InputError

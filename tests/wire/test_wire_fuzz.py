@@ -7,6 +7,7 @@ import json
 import math
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -33,6 +34,8 @@ def finite(value: Any, source: str) -> bool:
         return bool(np.all(np.isfinite(value) | (np.isposinf(value) & (source == "ranges"))))
     if isinstance(value, float):
         return math.isfinite(value)
+    if isinstance(value, msgspec.Struct):
+        return all(finite(getattr(value, name), source) for name in value.__struct_fields__)
     if dataclasses.is_dataclass(value):
         return all(finite(getattr(value, field.name), source) for field in dataclasses.fields(value))
     if isinstance(value, list | tuple):
