@@ -50,7 +50,11 @@ class FakeSession:
     def arrive(self, source: str, seq: int, producer: str = "driver", text: bytes | None = None) -> None:
         head = {"producer": producer, "seq": seq, "stamp_ns": 0}
         payload = json.dumps({**head, **HEALTHY[source][1]}).encode() if text is None else text
-        sample = SimpleNamespace(kind=zenoh.SampleKind.PUT, payload=SimpleNamespace(to_bytes=lambda: payload))
+        sample = SimpleNamespace(
+            kind=zenoh.SampleKind.PUT,
+            encoding=zenoh.Encoding.APPLICATION_JSON,
+            payload=SimpleNamespace(to_bytes=lambda: payload),
+        )
         self.waiting[source].append(sample)
 
 
