@@ -1,6 +1,6 @@
-"""The reference page of all robot-file keys, written from ``schema``.
+"""The reference page of all keys of a kind of file, written from its structures.
 
-``python -m ssm_service.config.reference`` prints it; ``robots/REFERENCE.md`` holds it.
+``python -m ssm_service.config.reference`` prints that of robot files; ``robots/REFERENCE.md`` holds it.
 """
 
 from __future__ import annotations
@@ -35,16 +35,21 @@ and `rings[]` is each entry of the array `rings`, one `[[rings]]` table in the f
 COLUMNS = ("key", "type", "unit", "bounds", "default", "meaning")
 
 
-def reference() -> str:
-    """Return the page as Markdown, one section for each kind of table."""
-    root = inspect.type_info(RobotFile)
+def reference(file: type[msgspec.Struct] = RobotFile, introduction: str = INTRODUCTION) -> str:
+    """Return the page as Markdown, one section for each kind of table.
+
+    Args:
+        file: What a file may hold, in the manner of ``schema``.
+        introduction: What the page begins with.
+    """
+    root = inspect.type_info(file)
     places: dict[type, list[str]] = {}
     kinds: dict[type, inspect.StructType] = {}
     for prefix, kind in _tables(root, ""):
         places.setdefault(kind.cls, []).append(prefix)
         kinds[kind.cls] = kind
     sections = [_section(kinds[cls], prefixes) for cls, prefixes in places.items()]
-    return "\n".join([INTRODUCTION, *sections])
+    return "\n".join([introduction, *sections])
 
 
 def _tables(kind: inspect.Type, prefix: str) -> Iterator[tuple[str, inspect.StructType]]:

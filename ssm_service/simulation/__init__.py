@@ -1,10 +1,11 @@
 """A robot to talk to: scenarios, a kinematic plant, simulated sensors, in memory or over the network."""
 
+from .load import list_scenarios, load_scenario, scenarios_directory
 from .memory import MemoryRun, MemoryTick
 from .paths import Path3
 from .plant import Plant
 from .process import Simulation, SimulationOptions, Summary, run_simulation
-from .scenario import Scenario, list_scenarios, load_scenario
+from .scenario import Scenario
 from .sensors import RangeSensors
 from .world import Emitted, World
 
@@ -23,4 +24,5 @@ __all__ = [
     "list_scenarios",
     "load_scenario",
     "run_simulation",
+    "scenarios_directory",
 ]

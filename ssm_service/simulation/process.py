@@ -21,8 +21,9 @@ from ..service.realtime import apply_realtime
 from ..wire import Keys
 from ..wire.session import DEFAULT_ENDPOINT
 from .drivers import Drivers
+from .load import load_scenario
 from .obeying import Obeying
-from .scenario import Scenario, load_scenario
+from .scenario import Scenario
 from .world import World
 
 PERIOD_NS = 2_000_000
@@ -178,6 +179,8 @@ def run_simulation(
     """
     robot = Robot.load(options.robot)
     scenario = load_scenario(options.scenario, robot)
+    if scenario.remark:
+        log(scenario.remark)
     connection = Connection(options.connect, options.zenoh_config)
     end = None if options.seconds is None else time.monotonic() + options.seconds
     with _until_signal() as flag:

@@ -17,9 +17,9 @@ def _meta(meaning: str, unit: str | None = None, **bounds: Any) -> Meta:
     return Meta(description=meaning, extra={"unit": unit or "–"}, **bounds)
 
 
-Time = Annotated[float, _meta("time since the start of the cycle", "s", ge=0.0, le=3600.0)]
 AtTheEnd = Annotated[
-    Literal["loop", "hold"], _meta("after the last waypoint: begin again, or stay where the path ends")
+    Literal["loop", "hold"],
+    _meta("after the last waypoint: begin again, for which the path ends where it begins, or stay there"),
 ]
 
 
@@ -30,21 +30,30 @@ class Section(Struct, frozen=True, forbid_unknown_fields=True):
 class WaypointConfig(Section, frozen=True, kw_only=True):
     """Where something is at one time; between waypoints it moves along a straight line at constant speed."""
 
-    t_s: Time
+    t_s: Annotated[
+        float,
+        _meta("time since the start of the path; 0 for the first, then rising", "s", ge=0.0, le=3600.0),
+    ]
     position_m: Annotated[Vector3, _meta("position in the robot's base frame", "m")]
 
 
 class ShapeConfig(Section, frozen=True, kw_only=True):
     """One convex shape of a group."""
 
-    id: Annotated[Identifier, _meta("name in the messages")]
+    id: Annotated[Identifier, _meta("name in the messages; no two shapes of a scenario share one")]
     shape: Annotated[Literal["sphere", "capsule", "cylinder", "box"], _meta("kind of shape")]
     size_m: Annotated[
         list[float],
-        _meta("sphere [r], capsule [r, length], cylinder [r, length], box [x, y, z]", "m", min_length=1),
+        _meta(
+            "each above 0: sphere [r], capsule [r, length between the centres of its ends], "
+            "cylinder [r, length], box [x, y, z]",
+            "m",
+            min_length=1,
+        ),
     ]
     quaternion_xyzw: Annotated[
-        Quaternion, _meta("orientation in the base frame; round shapes lie along their own z")
+        Quaternion,
+        _meta("orientation in the base frame, of norm 1; capsules and cylinders lie along their own z"),
     ] = (0.0, 0.0, 0.0, 1.0)
     offset_m: Annotated[Vector3, _meta("centre relative to the path", "m")] = (0.0, 0.0, 0.0)
 
@@ -52,7 +61,7 @@ class ShapeConfig(Section, frozen=True, kw_only=True):
 class ObstacleConfig(Section, frozen=True, kw_only=True):
     """One or several shapes that move together along one path, without turning."""
 
-    shapes: Annotated[list[ShapeConfig], _meta("the shapes", None, min_length=1)]
+    shapes: Annotated[list[ShapeConfig], _meta("the shapes; at most 128 in a scenario", None, min_length=1)]
     path: Annotated[list[WaypointConfig], _meta("where it is, in rising times from 0", None, min_length=1)]
     at_the_end: AtTheEnd = "loop"
 
@@ -67,13 +76,33 @@ class ObstacleConfig(Section, frozen=True, kw_only=True):
 class TargetConfig(Section, frozen=True, kw_only=True):
     """What the arm is told to do from one time of the cycle on."""
 
-    t_s: Time
-    kind: Annotated[Literal["joint_velocity", "twist", "position"], _meta("as in the message `Target`")]
-    value: Annotated[list[float], _meta("as in the message `Target`", None, min_length=1, max_length=64)]
+    t_s: Annotated[
+        float,
+        _meta(
+            "time since the start of the cycle; 0 for the first, then rising, below `duration_s`",
+            "s",
+            ge=0.0,
+            le=3600.0,
+        ),
+    ]
+    kind: Annotated[
+        Literal["joint_velocity", "twist", "position"],
+        _meta("what `value` means, as in the message `Target`"),
+    ]
+    value: Annotated[
+        list[float],
+        _meta(
+            "`joint_velocity`: of each joint, in the robot's order [rad/s or m/s]; `twist`: linear [m/s], "
+            "then angular [rad/s] of the end effector; `position`: [x, y, z] of the end effector [m]",
+            None,
+            min_length=1,
+            max_length=64,
+        ),
+    ]
 
 
 class ScenarioFile(Section, frozen=True, kw_only=True):
-    """One scenario; everything in it repeats without end."""
+    """One scenario; the targets repeat without end, and so does every path that does not say `hold`."""
 
     description: Annotated[str, _meta("one sentence for people", None, min_length=1)]
     duration_s: Annotated[
@@ -82,7 +111,11 @@ class ScenarioFile(Section, frozen=True, kw_only=True):
     ]
     start: Annotated[
         dict[str, float],
-        _meta("joint positions at the start; joints not named here start at rest", "rad or m"),
+        _meta(
+            "joint positions at the start; joints not named here start at rest. A robot that has none of the "
+            "joints named here starts at rest and sways one joint in place of `targets`",
+            "rad or m",
+        ),
     ] = {}
     targets: Annotated[
         list[TargetConfig], _meta("what the arm is told to do, in rising times from 0; none: no target")

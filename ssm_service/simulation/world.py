@@ -92,7 +92,7 @@ class World:
             joints=joints,
             ranges=self._sensors.step(now, self._kinematics, self._seen),
             obstacles=self.obstacles() if tracked else None,
-            target=self.scenario.target_at(now) if self._target.due(now) else None,
+            target=self.scenario.target_at(now, self.plant.position) if self._target.due(now) else None,
         )
 
     def _kinematics(self) -> Kinematics:

@@ -18,6 +18,7 @@ duration_s = 10.0
 
 [start]
 elbow_joint = 1.0
+shoulder_lift_joint = -0.5
 
 [[targets]]
 t_s = 0.0
@@ -61,7 +62,7 @@ def test_names() -> None:
 def test_reads_a_file(ur3: Robot, write: Writer) -> None:
     scenario = load_scenario(write(GOOD), ur3)
     assert (scenario.name, scenario.description, scenario.duration_s) == ("scene", "A ball.", 10.0)
-    np.testing.assert_array_equal(scenario.start, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(scenario.start, [0.0, -0.5, 1.0, 0.0, 0.0, 0.0])
     ball, stick = scenario.obstacles_at(1.0)
     assert ball.position == pytest.approx((0.5, 0.5, 0.5))
     assert stick.position == pytest.approx((0.5, 0.5, 0.7))
