@@ -9,34 +9,15 @@ from typing import Any, Final
 
 import numpy as np
 import pinocchio as pin
-from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from ..config import RobotConfig, load_robot_config
 from ..errors import ConfigError, InputError, listed
 from .description import joint_names, link_names, read_description, require
+from .kinematics import Kinematics
 from .rings import Ring
 
 _LARGEST_SPEED: Final = 1e6  # parsers write the greatest double where the URDF gives no limit
-
-
-class Kinematics(Struct, frozen=True, kw_only=True, eq=False):
-    """Poses and Jacobian at one joint position; all arrays are the caller's own.
-
-    Attributes:
-        transform_end_effector_to_base: (4, 4) [m].
-        transform_sensors_to_base: (m, 4, 4) [m], the sensors of all rings in the order of the readings.
-        transform_rings_to_base: (r, 4, 4) [m].
-        jacobian_full: (6, n) of the end effector's frame: its linear rows [m/rad] over its angular rows,
-            in the axes of the base frame, one column per joint of the messages.
-        jacobian: (3, k) linear rows of the free joints, the reduced Jacobian.
-    """
-
-    transform_end_effector_to_base: NDArray[np.float64]
-    transform_sensors_to_base: NDArray[np.float64]
-    transform_rings_to_base: NDArray[np.float64]
-    jacobian_full: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
 
 
 class Robot:
@@ -145,20 +126,13 @@ class Robot:
         pin.computeJointJacobians(model, data, self.pinocchio_configuration(position))
         T_base_end = pin.updateFramePlacement(model, data, self._end_effector).homogeneous
         full = pin.getFrameJacobian(model, data, self._end_effector, pin.LOCAL_WORLD_ALIGNED)
-        T_base_rings = np.empty((len(self.rings), 4, 4))
-        T_base_sensors = np.empty((self.sensor_count, 4, 4))
-        for i, (ring, frame) in enumerate(zip(self.rings, self._ring_frames, strict=True)):
-            T_base_parent = pin.updateFramePlacement(model, data, frame).homogeneous
-            np.matmul(T_base_parent, ring.transform_ring_to_parent, out=T_base_rings[i])
-            np.matmul(
-                T_base_rings[i], ring.transform_sensors_to_ring, out=T_base_sensors[self.ring_slices[i]]
-            )
+        T_base_parents = [pin.updateFramePlacement(model, data, i).homogeneous for i in self._ring_frames]
         return Kinematics(
             transform_end_effector_to_base=T_base_end,
-            transform_sensors_to_base=T_base_sensors,
-            transform_rings_to_base=T_base_rings,
             jacobian_full=full,
             jacobian=full[:3, self.free],
+            rings=self.rings,
+            transforms_parent_to_base=T_base_parents,
         )
 
     def link_transforms(self, position: ArrayLike) -> dict[str, NDArray[np.float64]]:

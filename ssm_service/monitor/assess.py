@@ -89,7 +89,7 @@ def nearest_by_rings(robot: Robot, kinematics: Kinematics, ranges: NDArray[np.fl
     if math.isinf(distance):
         return None
     ring = robot.ring_of_sensor[index]
-    T_base_sensor = kinematics.transform_sensors_to_base[index]
+    T_base_sensor = kinematics.transform_sensor_to_base(index)
     direction = T_base_sensor[:3, 0]
     return Nearest(
         source="ranges",

@@ -49,7 +49,9 @@ def wanted_velocity(
         config,
         count,
         obstacle=obstacle,
-        transforms_sensor_to_base=kinematics.transform_sensors_to_base,
+        transforms_sensor_to_base=(
+            kinematics.transform_sensors_to_base if config.controller == "field3d" else None
+        ),
         ranges=ranges,
         steps=steps,
     )

@@ -276,3 +276,12 @@ def test_the_other_arms_load_with_their_rings_on_the_forearm(name, L):
     gaps = [p.distance for p in model.all_pairs(robot.rest_position) if p.link == "forearm_link"]
     assert min(gaps) > -1e-4
     assert max(gaps) < 3e-3
+
+
+def test_one_sensor_is_the_same_as_all_of_them():
+    robot = Robot.load("ur3")
+    kinematics = robot.kinematics(np.linspace(-1.0, 1.0, 6))
+    for index, T in enumerate(kinematics.transform_sensors_to_base):
+        assert kinematics.transform_sensor_to_base(index) == pytest.approx(T, abs=1e-15)
+    with pytest.raises(IndexError):
+        kinematics.transform_sensor_to_base(8)
