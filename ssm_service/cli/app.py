@@ -22,7 +22,8 @@ from .zone import zone
 app = typer.Typer(
     name="ssm",
     help="Speed and separation monitoring for robot arms. Not a certified safety device.",
-    epilog="Exit status: 0 done; 1 it could not be done; 2 wrong usage or configuration.",
+    epilog="Start with: ssm demo. Each command explains itself: ssm demo --help. "
+    "Exit status: 0 done; 1 it could not be done; 2 wrong usage or configuration.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

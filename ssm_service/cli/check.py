@@ -7,11 +7,13 @@ from typing import Annotated
 
 import typer
 
+from ..errors import ConfigError, listed
 from .findings import Level, Report
 from .options import JsonOption
 from .output import FAILED, emit, emit_json
+from .words import counted
 
-ZENOH_SUFFIXES = {".json5", ".json", ".yaml", ".yml"}
+ZENOH_SUFFIXES = (".json5", ".json", ".yaml", ".yml")
 STYLES: dict[Level, str] = {"fault": "bold red", "weak": "yellow", "note": "cyan", "ok": "green"}
 
 
@@ -36,7 +38,13 @@ def check(
     else:
         from .check_robot import check_robot
 
-        report = check_robot(file)
+        try:
+            report = check_robot(file)
+        except ConfigError as error:
+            if error.file != "FILE":
+                raise
+            allowed = f"{error.allowed}, or of a Zenoh configuration ({listed(ZENOH_SUFFIXES)})"
+            raise ConfigError("FILE", "", error.found, allowed) from error
     if json:
         emit_json(report.to_builtins(), indent=2)
     else:
@@ -66,4 +74,4 @@ def _print(report: Report) -> None:
     if console.is_terminal:
         console.print(table)
     faults, weak = report.count("fault"), report.count("weak")
-    emit(f"{faults} fault{'s' * (faults != 1)}, {weak} weak point{'s' * (weak != 1)}")
+    emit(f"{counted(faults, 'fault')}, {counted(weak, 'weak point')}")

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from ..config import ProfileConfig, RobotFile, load_robot_config
-from ..errors import ConfigError, listed, shown
+from ..errors import ConfigError, listed
 from ..model import DistanceModel, Robot
+from .faults import all_faults
 from .findings import Finding, Report
+from .words import counted
 
 WALKING_SPEED_M_S: Final = 1.6
 """How fast people are taken to walk towards a machine (ISO 13855)."""
@@ -25,34 +28,28 @@ def check_robot(name_or_path: str) -> Report:
     Raises:
         ConfigError: The file cannot be read at all: it is missing, or no TOML.
     """
-    path = name_or_path
-    findings: list[Finding] = []
     try:
         config = load_robot_config(name_or_path)
-        path = config.path
         robot = Robot(config)
-        findings.append(_loaded(robot))
         DistanceModel(robot)
-        findings.append(_monitored(robot))
     except ConfigError as error:
         if error.file == "--robot":  # which is no option here
             raise ConfigError("FILE", "", error.found, error.allowed) from error
         if not error.key:
             raise
-        text = f"found {shown(error.found)}, allowed: {error.allowed}"
-        return Report(error.file, "robot", [*findings, Finding("fault", error.key, text)])
-    file = config.file
+        return Report(error.file, "robot", [*all_faults(Path(error.file), error)])
+    findings, file = [_loaded(robot), _monitored(robot)], config.file
     for rule in (_reach, _blind_angles, _readings, _timeouts, _not_required, _recovery, _speeds):
         findings.extend(rule(robot, file))
     findings.extend(_unmonitored(robot))
-    return Report(path, "robot", findings)
+    return Report(config.path, "robot", findings)
 
 
 def _loaded(robot: Robot) -> Finding:
     free = [robot.joint_names[i] for i in robot.free]
     return Finding(
-        "ok", "urdf", f"{len(robot.joint_names)} joints, {len(free)} of them free ({listed(free)}); "
-        f"{robot.sensor_count} sensors in {len(robot.rings)} rings"
+        "ok", "urdf", f"{counted(len(robot.joint_names), 'joint')}, {len(free)} of them free "
+        f"({listed(free)}); {counted(robot.sensor_count, 'sensor')} in {counted(len(robot.rings), 'ring')}"
     )  # fmt: skip
 
 

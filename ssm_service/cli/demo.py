@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from .._version import __version__
-from ..errors import ConfigError, NoServiceError
+from ..errors import NoServiceError
 from .options import JsonOption, RateOption, RobotOption, checked_rate, checked_seconds, number
 from .output import emit, emit_json, log
 
 if TYPE_CHECKING:
     from ..client import Connection, Follower
     from ..model import Robot
+    from ..wire import Keys
     from .live import LiveState
     from .processes import Children
     from .recording import Recorder, Recording
@@ -48,68 +49,94 @@ def demo(
     ] = Path("ssm-report"),
     json: JsonOption = False,
 ) -> None:
-    """Show the whole of it: the service, a simulated robot with its sensors, and a consumer that follows.
+    """Show it all: the service, a simulated robot with its sensors, and a consumer that follows.
 
-    Three processes on this machine's loopback, on a free port. Ends with a summary, and a folder with
-    summary.json and figures. Ctrl-C ends the recording early and still writes the report.
+    Needs no robot and no network: processes on this machine's loopback, on a free port. Ends with
+    a summary, and a folder with summary.json and figures. Ctrl-C ends the recording early and
+    still writes the report.
     """
     checked_rate(rate)
     checked_seconds("--seconds", seconds)
-    from ..model import Robot
-    from ..simulation import load_scenario
     from .processes import Children, unwinding_on_termination
+    from .report import SUMMARY, ReportFolder
     from .summary import summarise
-    from .summary_words import summary_lines
+    from .summary_words import row_lines, summary_lines
 
-    loaded = Robot.load(robot)
-    name = load_scenario(scenario, loaded).name
-    _make_folder(out)
     with unwinding_on_termination(), Children() as children:
-        connection = _start(children, loaded, scenario, rate, seconds)
-        try:
-            recording = _record(
-                children, connection, loaded, f"ssm demo · {loaded.name} · {name}", seconds, json
-            )
-        finally:
-            connection.close()
-    if not recording.decisions:
-        raise NoServiceError("no decision was received")
-    summary = _labels(name, rate, seconds) | summarise(recording)
-    _write(out, summary, recording, loaded)
+        endpoint = _start(children, robot, scenario, rate, seconds)
+        loaded, name = _loaded(robot, scenario)  # while they start
+        log(f"starting service and simulation on {endpoint}")
+        with ReportFolder(out) as folder:
+            title = f"ssm demo · {loaded.name} · {name}"
+            recording = _record(children, endpoint, loaded, title, seconds, json)
+            children.stop()
+            summary = _labels(name, rate, seconds) | summarise(recording)
+            folder.write(summary, recording, loaded)
     if json:
         emit_json(summary, indent=2)
     else:
-        for text in summary_lines(summary):
+        files = f"{out}/{SUMMARY}, {', '.join(summary['figures'])}"
+        log("")
+        for text in (*summary_lines(summary), *row_lines("report", files)):
             emit(text)
-        emit(f"{'report':<16}{out}/summary.json, {', '.join(summary['figures'])}")
 
 
-def _start(children: Children, robot: Robot, scenario: str, rate: float, seconds: float) -> Connection:
-    """Start both other processes and return a connection to the service."""
-    from ..client import Connection
+def _start(children: Children, robot: str, scenario: str, rate: float, seconds: float) -> str:
+    """Start both other processes and return the service's endpoint."""
     from .processes import free_port
 
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    log(f"starting service and simulation on {endpoint}")
-    common = ["--robot", robot.config.path, "--name", robot.name]
-    common += ["--seconds", str(seconds + START_TIMEOUT_S + ENDING_S)]
+    common = ["--robot", robot, "--seconds", str(seconds + START_TIMEOUT_S + ENDING_S)]
     children.start("service", "run", *common, "--rate", str(rate), "--listen", endpoint)
     children.start("simulation", "sim", *common, "--scenario", scenario, "--connect", endpoint)
-    from . import figures
+    return endpoint
 
-    figures.prepare()  # while they start
-    return Connection([endpoint])
+
+def _loaded(robot: str, scenario: str) -> tuple[Robot, str]:
+    """Return the robot and the scenario's name."""
+    from ..model import Robot
+    from ..simulation import load_scenario
+
+    loaded = Robot.load(robot)
+    return loaded, load_scenario(scenario, loaded).name
 
 
 def _record(
-    children: Children, connection: Connection, robot: Robot, title: str, seconds: float, json: bool
+    children: Children, endpoint: str, robot: Robot, title: str, seconds: float, json: bool
 ) -> Recording:
-    from ..client import Follower
+    """Follow the service for the time asked for, or until Ctrl-C.
+
+    Raises:
+        NoServiceError: There was nothing to record.
+        ServiceError: A child ended.
+    """
+    from ..client import Connection
     from ..wire import Keys
     from .live import LiveState
-    from .recording import Recorder
 
     keys = Keys(robot.name)
+    connection = Connection([endpoint])
+    try:
+        follower, recorder = _ready(children, connection, keys, robot)
+        _settle(follower, recorder)
+        log("ready; following")
+        try:
+            _follow(children, follower, recorder, LiveState(title=title, seconds=seconds), quiet=json)
+        except KeyboardInterrupt:
+            log("ended early")
+        recording = recorder.end()
+    finally:
+        connection.close()
+    if not recording.decisions:
+        raise NoServiceError("no decision was received")
+    return recording
+
+
+def _ready(children: Children, connection: Connection, keys: Keys, robot: Robot) -> tuple[Follower, Recorder]:
+    """Return consumer and recorder as soon as both others speak."""
+    from ..client import Follower
+    from .recording import Recorder
+
     deadline = time.monotonic() + START_TIMEOUT_S
     session = _waited(children, deadline, "the service to listen", lambda: connection.session)
     gc.collect()
@@ -123,13 +150,7 @@ def _record(
         return bool(heard.decisions and heard.joints) and not follower.poll().stopped_by_consumer
 
     _waited(children, deadline, "decisions and joint states", everyone_speaks, every_s=POLL_S)
-    _settle(follower, recorder)
-    log("ready; recording")
-    try:
-        _follow(children, follower, recorder, LiveState(title=title, seconds=seconds), quiet=json)
-    except KeyboardInterrupt:
-        log("ended early")
-    return recorder.end()
+    return follower, recorder
 
 
 def _settle(follower: Follower, recorder: Recorder) -> None:
@@ -144,12 +165,14 @@ def _follow(
     children: Children, follower: Follower, recorder: Recorder, state: LiveState, *, quiet: bool
 ) -> None:
     """Record and show until the time is over."""
-    from .live import Display, Ticker, draw, line
+    from .display import Display
+    from .live import draw, line
+    from .meters import Ticker
     from .telling import Telling
 
     seconds = state.seconds or 0.0
     lines, checks = Ticker(LINE_PERIOD_S), Ticker(CHILD_CHECK_S)
-    with Display(lambda: draw(state), quiet=quiet) as display:
+    with Display(lambda size: draw(state, size), quiet=quiet) as display:
         recorder.begin()
         telling = Telling(state, recorder)
         while recorder.elapsed < seconds:
@@ -170,7 +193,7 @@ def _waited(
         NoServiceError: Not in time.
         ServiceError: A child ended.
     """
-    from .live import Ticker
+    from .meters import Ticker
 
     said = Ticker(5.0)
     said.due()  # the first line only after a while
@@ -197,21 +220,3 @@ def _labels(scenario: str, rate: float, seconds: float) -> dict[str, Any]:
         "asked_rate_hz": rate,
         "asked_seconds": seconds,
     }
-
-
-def _make_folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "summary.json").unlink(missing_ok=True)  # of an earlier run
-    except OSError as error:
-        raise ConfigError("--out", "", str(out), f"a folder to write to ({error.strerror})") from error
-
-
-def _write(out: Path, summary: dict[str, Any], recording: Recording, robot: Robot) -> None:
-    import msgspec
-
-    from .figures import write_figures
-
-    summary["figures"] = write_figures(out, recording, robot)
-    data = msgspec.json.format(msgspec.json.encode(summary), indent=2)
-    (out / "summary.json").write_bytes(data + b"\n")

@@ -19,6 +19,7 @@ from .options import (
     RobotOption,
     TimeoutOption,
     ZenohConfigOption,
+    checked_timeout,
     endpoints,
 )
 from .output import FAILED, log
@@ -52,9 +53,10 @@ def evaluate(
 ) -> None:
     """Say what the service would say to each snapshot: JSON lines in, JSON lines out, in the same order.
 
-    A line that cannot be evaluated yields an error on its line, the others are still answered, and the exit
-    status is 1. Without --remote no network is used.
+    A line that cannot be evaluated yields an error on its line, the others are still answered,
+    and the exit status is 1. Without --remote no network is used.
     """
+    checked_timeout(timeout)
     if remote and profile is not None:
         raise ConfigError(
             "--profile", "", profile, "no --profile with --remote: the service's own is in force"

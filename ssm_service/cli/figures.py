@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from ..model import Robot
 from ..safety import Zone
+from .figure_events import mark_events
 from .figure_path import draw_path
 from .palette import BAND, LINES
 from .recording import Recording
+from .report import FIGURES
 
 WIDTH_IN: Final = 9.6
 DPI: Final = 150
@@ -45,31 +47,20 @@ class Run(NamedTuple):
     end: float
 
 
-def prepare() -> None:
-    """Load matplotlib now; its very first start builds a font cache, which takes a while."""
+def write_figures(folder: Path, recording: Recording, robot: Robot) -> list[str]:
+    """Write all figures into a folder and return their names."""
     import matplotlib
 
     matplotlib.use("Agg")
-    import matplotlib.pyplot
-
-
-def write_figures(folder: Path, recording: Recording, robot: Robot) -> list[str]:
-    """Write all figures into a folder and return their names."""
-    prepare()
     import matplotlib.pyplot as plt
 
-    drawings: dict[str, Callable[[Recording, Robot], Any]] = {
-        "distance.png": _distance,
-        "speeds.png": _speeds,
-        "path.png": draw_path,
-        "ticks.png": _ticks,
-    }
+    drawings: tuple[Callable[[Recording, Robot], Any], ...] = (_distance, _speeds, draw_path, _ticks)
     with plt.style.context(["default", STYLE]):
-        for name, drawing in drawings.items():
+        for name, drawing in zip(FIGURES, drawings, strict=True):
             figure = drawing(recording, robot)
             figure.savefig(folder / name, dpi=DPI)
             plt.close(figure)
-    return list(drawings)
+    return list(FIGURES)
 
 
 def zone_runs(recording: Recording) -> Iterator[Run]:
@@ -110,7 +101,7 @@ def _legend(axes: Any, recording: Recording) -> None:
         handles=[*lines, *_zone_patches(recording)],
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=8,
+        ncols=5,
         columnspacing=1.2,
         handlelength=1.6,
         borderaxespad=0.2,
@@ -143,6 +134,7 @@ def _distance(recording: Recording, robot: Robot) -> Any:
     if not (np.isfinite(exact).any() or np.isfinite(estimated).any()):
         axes.text(0.5, 0.5, "nothing was seen", transform=axes.transAxes, ha="center", color="#555555")
     axes.set_ylim(bottom=min(0.0, _lowest(exact)))
+    mark_events(axes, recording)
     axes.set(title="Distance", xlabel="time [s]", ylabel="least distance [m]")
     _legend(axes, recording)
     return figure
@@ -176,6 +168,8 @@ def _speeds(recording: Recording, robot: Robot) -> Any:
         axes.plot(state_times, speeds[:, index], color=LINES[0], linewidth=1.4, label="measured", zorder=4)
         axes.set_ylim(-top, top)
         axes.set_ylabel(f"{robot.joint_names[index].removesuffix('_joint')}\n[rad/s]")
+    for axes in grid[:, 0]:
+        mark_events(axes, recording)
     _legend(grid[0, 0], recording)
     grid[0, 0].set_title("Joint speeds")
     grid[-1, 0].set_xlabel("time [s]")
@@ -194,9 +188,7 @@ def _speed_scale(speeds: NDArray[np.float64], limits: NDArray[np.float64]) -> fl
 
 def _ticks(recording: Recording, _robot: Robot) -> Any:
     import matplotlib.pyplot as plt
-    from matplotlib.ticker import FuncFormatter
 
-    plain = FuncFormatter(lambda value, _place: f"{value:g}")
     times = np.array([row.t for row in recording.decisions])
     figure, (above, below) = plt.subplots(2, 1, figsize=(WIDTH_IN, 5.4), sharex=True)
     above.plot(times[1:], 1e3 * np.diff(times), ".", markersize=2.0, color=LINES[0], rasterized=True)
@@ -209,13 +201,22 @@ def _ticks(recording: Recording, _robot: Robot) -> Any:
         above.axhline(1e-3 * period_us, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)))
         below.axhline(period_us, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)), label="period")
         _percentiles(below, recording)
-    above.yaxis.set_minor_formatter(plain)
     for axes in (above, below):
-        axes.yaxis.set_major_formatter(plain)
+        _whole_decades(axes)
         axes.set_xlim(0.0, recording.seconds)
         axes.grid(axis="y", color="#e3e3e3", linewidth=0.8)
         axes.set_axisbelow(True)
     return figure
+
+
+def _whole_decades(axes: Any) -> None:
+    """Let a logarithmic y axis span whole decades, and label these only: others would overlap."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    low, high = (math.log10(value) for value in axes.get_ylim())
+    axes.set_ylim(10.0 ** math.floor(low), 10.0 ** math.ceil(high))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _percentiles(axes: Any, recording: Recording) -> None:

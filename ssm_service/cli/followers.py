@@ -10,7 +10,8 @@ import zenoh
 from ..client import Connection, Followed, Follower
 from ..errors import ConfigError
 from ..wire import Keys, robot_of
-from .live import HISTORY, History, LiveState, RateMeter
+from .live import HISTORY, History, LiveState
+from .meters import RateMeter
 from .recording import HealthQuery
 
 REPEAT_S: Final = 0.1
@@ -51,11 +52,11 @@ class Watched:
         now = time.monotonic() - self._began
         state = self.state
         new = followed is not state.followed
-        if new and followed.zone_message is not None:
-            self.decided = True
-            self._meter.add(now)
-        state.followed, state.elapsed, state.rate = followed, now, self._meter.rate(now)
         message = followed.zone_message
+        if new and message is not None:
+            self.decided = True
+            self._meter.add(now, message.seq, message.producer)
+        state.followed, state.elapsed, state.rate = followed, now, self._meter.rate(now)
         self._history.add(now, None if message is None else message.distance, followed.zone)
         self._ask_health(connection)
         report = new or (followed.stopped_by_consumer and now - self._reported >= REPEAT_S)

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Final
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
+from rich.console import ConsoleDimensions, Group, RenderableType
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -19,9 +15,21 @@ from ..client import Followed
 from ..safety import Zone
 from ..wire.messages import Health
 from .palette import BADGE, INK
-from .words import limit_words, metres, nearest_words
+from .words import counted, limit_words, metres, nearest_words
 
-FRAMES_PER_SECOND: Final = 8
+WIDTH: Final = 78
+FIXED_ROWS: Final = 14
+"""Rows of the roomy picture beside those of the joints."""
+
+BORDER_ROWS: Final = 3
+"""Rows of the cramped picture's border, and the cursor's."""
+
+ZONE_WIDTH: Final = 10
+ALL_COLUMNS: Final = {
+    "robot": 0, "zone": 0, "distance": 0, "nearest": 80, "limit": 110, "decisions/s": 95, "reasons": 0,
+}  # fmt: skip
+"""Columns of the picture of several robots, and the width of the terminal from which each is shown."""
+
 HISTORY: Final = 60
 BLOCKS: Final = "▁▂▃▄▅▆▇█"
 BAR: Final = 12
@@ -54,25 +62,6 @@ class LiveState:
     history: deque[tuple[float | None, Zone]] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
 
-class RateMeter:
-    """Counts decisions over the last second."""
-
-    def __init__(self) -> None:
-        self._times: deque[float] = deque()
-
-    def add(self, now: float, count: int = 1) -> None:
-        """Add decisions that have just come [s]."""
-        self._times.extend([now] * count)
-
-    def rate(self, now: float) -> float | None:
-        """Return decisions a second [1/s]; ``None`` before there are two."""
-        while self._times and now - self._times[0] > 1.0:
-            self._times.popleft()
-        if len(self._times) < 2 or self._times[-1] == self._times[0]:
-            return None
-        return (len(self._times) - 1) / (self._times[-1] - self._times[0])
-
-
 class History:
     """Slices of time for the strip chart: the least distance and the worst zone of each.
 
@@ -99,94 +88,70 @@ class History:
             self._distance, self._zone = None, Zone.GREEN
 
 
-class Display:
-    """Shows a state on a terminal, from a thread of its own; does nothing where there is no terminal.
-
-    Args:
-        draw: Makes the picture.
-        quiet: Show nothing in any case.
-        stderr: Whether it goes there, as beside a result that goes to stdout.
-    """
-
-    def __init__(
-        self, draw: Callable[[], RenderableType], *, quiet: bool = False, stderr: bool = True
-    ) -> None:
-        self.console = Console(stderr=stderr)
-        self.shown = self.console.is_terminal and not quiet
-        self._live = Live(
-            get_renderable=draw,
-            console=self.console,
-            refresh_per_second=FRAMES_PER_SECOND,
-            transient=False,
-            redirect_stdout=False,
-            redirect_stderr=False,
-        )
-
-    def __enter__(self) -> Display:
-        if self.shown:
-            self._live.start(refresh=True)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.shown:
-            self._live.stop()
-
-
-class Ticker:
-    """Says when it is time for the next line."""
-
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._next = time.monotonic()
-
-    def due(self) -> bool:
-        """Tell whether it is time; once for each period."""
-        now = time.monotonic()
-        if now < self._next:
-            return False
-        self._next = now + self._period_s
-        return True
-
-
-def draw(state: LiveState) -> RenderableType:
-    """Return the picture of a state."""
-    parts: list[RenderableType] = [_head(state), Text(), _distances(state)]
-    if state.history:
-        parts.append(_strip(state))
-    if state.followed is not None and state.followed.name:
-        parts += [Text(), _joints(state, state.followed)]
-    parts += [Text(), _foot(state)]
+def draw(state: LiveState, size: ConsoleDimensions) -> RenderableType:
+    """Return the picture of a state for a terminal of a size; where it is small, what matters most."""
+    joints = 0 if state.followed is None else len(state.followed.name)
+    roomy = size.height > FIXED_ROWS + joints and size.width >= WIDTH
+    parts = _roomy(state) if roomy else _cramped(state, size.height - BORDER_ROWS)
     time_words = (
         f"{state.elapsed:.1f} s" if state.seconds is None else f"{state.elapsed:.1f} of {state.seconds:g} s"
     )
     return Panel(
         Group(*parts), title=f" {state.title} ", subtitle=f" {time_words} ", title_align="left",
-        subtitle_align="right", border_style="dim", padding=(1, 2), width=78,
+        subtitle_align="right", border_style="dim", padding=(1, 2) if roomy else (0, 1), width=WIDTH,
     )  # fmt: skip
 
 
-def draw_all(states: list[LiveState]) -> RenderableType:
-    """Return the picture of several robots, a row each."""
+def _roomy(state: LiveState) -> list[RenderableType]:
+    parts: list[RenderableType] = [_head(state), Text(), _distances(state)]
+    if state.history:
+        parts.append(_strip(state))
+    if state.followed is not None and state.followed.name:
+        parts += [Text(), _joints(state, state.followed)]
+    return [*parts, Text(), _foot(state)]
+
+
+def _cramped(state: LiveState, rows: int) -> list[RenderableType]:
+    """Return the parts that fit into some rows, in the order of how much they matter."""
+    parts: list[RenderableType] = [_head(state), _distances(state), _foot(state)]
+    rows -= 5
+    if state.followed is not None and state.followed.name and rows > 1:
+        count = min(len(state.followed.name), rows - 1)
+        parts.append(_joints(state, state.followed, count, bars=False))
+        rows -= 1 + count
+    if state.history and rows > 0:
+        parts.append(_strip(state))
+    return parts
+
+
+def draw_all(states: list[LiveState], size: ConsoleDimensions) -> RenderableType:
+    """Return the picture of several robots, a row each; the worst first where not all of them fit."""
+    shown = [(state, state.followed) for state in states if state.followed is not None]
+    if len(shown) >= size.height:
+        shown.sort(key=lambda pair: pair[1].zone, reverse=True)
+    columns = [name for name, least_width in ALL_COLUMNS.items() if size.width >= least_width]
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for title in ("robot", "zone", "distance", "nearest", "limit", "decisions/s", "reasons"):
-        table.add_column(title)
-    for state in states:
-        followed = state.followed
-        if followed is None:
-            continue
-        message = followed.zone_message
-        table.add_row(
-            state.title.rpartition(" ")[2],
-            badge(followed.zone),
-            metres(None if message is None else message.distance),
-            "" if message is None else nearest_words(message),
-            limit_words(followed.speed_limit),
-            "–" if state.rate is None else f"{state.rate:.0f}",
-            ", ".join(followed.reasons),
-        )
+    for title in columns:
+        # Rich takes from the others before it shortens this one: the zone is what one looks for.
+        table.add_column(title, no_wrap=title == "zone", min_width=ZONE_WIDTH if title == "zone" else None)
+    for state, followed in shown:
+        cells = _cells(state, followed)
+        table.add_row(*(cells[title] for title in columns))
     return table if states else Text("no robot found yet …", "dim")
+
+
+def _cells(state: LiveState, followed: Followed) -> dict[str, Text]:
+    message = followed.zone_message
+    words = {
+        "robot": state.title.rpartition(" ")[2],
+        "distance": metres(None if message is None else message.distance),
+        "nearest": "" if message is None else nearest_words(message),
+        "limit": limit_words(followed.speed_limit),
+        "decisions/s": "–" if state.rate is None else f"{state.rate:.0f}",
+        "reasons": ", ".join(followed.reasons),
+    }
+    cells = {title: Text(text, no_wrap=True, overflow="ellipsis") for title, text in words.items()}
+    return {**cells, "zone": badge(followed.zone)}
 
 
 def line(state: LiveState) -> str:
@@ -225,9 +190,9 @@ def _head(state: LiveState) -> RenderableType:
     followed = state.followed
     if followed is None:
         return Text("waiting …", "dim")
-    reasons = ", ".join(followed.reasons) or "undisturbed"
+    reasons = ", ".join(followed.reasons) or "–"
     who = "  (this consumer's own watchdog)" if followed.stopped_by_consumer else ""
-    return Text.assemble(badge(followed.zone), "  ", reasons, (who, "dim"))
+    return Text.assemble(badge(followed.zone), "  ", reasons, (who, "dim"), no_wrap=True, overflow="ellipsis")
 
 
 def _distances(state: LiveState) -> RenderableType:
@@ -249,22 +214,26 @@ def _strip(state: LiveState) -> RenderableType:
     return text
 
 
-def _joints(state: LiveState, followed: Followed) -> RenderableType:
+def _joints(
+    state: LiveState, followed: Followed, count: int | None = None, *, bars: bool = True
+) -> RenderableType:
     """Draw a row for each joint; speeds are the measured ones where known, else those commanded."""
     measured = bool(state.position)
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", show_edge=False)
     table.add_column("joint")
     for title in (*(("rad", "rad/s") if measured else ()), "command", "limit"):
         table.add_column(title, justify="right")
-    table.add_column("of limit")
-    for i, name in enumerate(followed.name):
+    if bars:
+        table.add_column("of limit")
+    for i, name in enumerate(followed.name[:count]):
         limit, command = followed.speed_limit[i], followed.velocity[i]
         numbers = [f"{command:+.3f}", f"{limit:.2f}"]
         speed = command
         if measured:
             speed = state.velocity[i]
             numbers = [f"{state.position[i]:.3f}", f"{speed:+.3f}", *numbers]
-        table.add_row(name.removesuffix("_joint"), *numbers, _bar(speed, limit, followed.zone))
+        bar = [_bar(speed, limit, followed.zone)] if bars else []
+        table.add_row(name.removesuffix("_joint"), *numbers, *bar)
     return table
 
 
@@ -280,5 +249,5 @@ def _foot(state: LiveState) -> RenderableType:
     health = state.health
     if health is not None and health.tick_us:
         parts.append(f"tick p50 {health.tick_us['p50']:.0f} µs, p99 {health.tick_us['p99']:.0f} µs")
-        parts.append(f"{health.overruns} overruns")
-    return Text("  ·  ".join(parts), "dim")
+        parts.append(counted(health.overruns, "overrun"))
+    return Text("  ·  ".join(parts), "dim", no_wrap=True, overflow="ellipsis")

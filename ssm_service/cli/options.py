@@ -10,6 +10,8 @@ import typer
 
 from ..errors import ConfigError
 
+LONGEST_TIMEOUT_S = 3600.0
+
 
 def number(text: str | float) -> float:
     """Read an option's number; a default is passed through here as well.
@@ -82,6 +84,17 @@ def checked_seconds(option: str, value: float | None) -> None:
     """
     if value is not None and not 0.0 < value < math.inf:
         raise ConfigError(option, "", value, "a number of seconds above 0")
+
+
+def checked_timeout(value: float) -> None:
+    """Refuse a time to wait that is not a positive number of seconds, or longer than anybody waits.
+
+    Raises:
+        ConfigError: It is not.
+    """
+    if not 0.0 < value <= LONGEST_TIMEOUT_S:
+        allowed = f"a number of seconds above 0, at most {LONGEST_TIMEOUT_S:g}"
+        raise ConfigError("--timeout", "", value, allowed)
 
 
 def checked_rate(value: float) -> None:

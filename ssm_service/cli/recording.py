@@ -12,7 +12,7 @@ import zenoh
 
 from ..errors import InputError
 from ..safety import Zone
-from ..wire import Decoder, Keys
+from ..wire import Decoder, Keys, names_another
 from ..wire import messages as m
 
 CAPACITY: Final = 4096
@@ -106,6 +106,32 @@ class Recording:
     seconds: float = 0.0
 
 
+class Reader:
+    """Turns samples into messages of one kind.
+
+    Args:
+        kind: The message expected.
+    """
+
+    def __init__(self, kind: type[m.Message]) -> None:
+        self._kind = kind
+        self._decoder: Decoder[Any] = Decoder(kind)
+
+    def read(self, sample: zenoh.Sample) -> Any:
+        """Return a sample's message.
+
+        Raises:
+            InputError: ``not_put``; ``wrong_encoding`` for another schema's, which Zenoh has been seen to
+                deliver on a wrong key when a link came back; or as ``Decoder.decode`` says.
+        """
+        if sample.kind != zenoh.SampleKind.PUT:
+            raise InputError("not_put", "sample", "a delete", "a put")
+        if names_another(str(sample.encoding), self._kind):
+            allowed = m.encoding_of(self._kind)
+            raise InputError("wrong_encoding", "encoding", str(sample.encoding), allowed)
+        return self._decoder.decode(sample.payload.to_bytes())
+
+
 class Recorder:
     """Listens to one robot's outputs and inputs. Call ``drain`` often; nothing runs in between.
 
@@ -119,7 +145,7 @@ class Recorder:
         self._session = session
         self._keys = keys
         self._joint_names = joint_names
-        self._channels: list[tuple[Any, Decoder[Any], Callable[[float, Any], None]]] = [
+        self._channels: list[tuple[Any, Reader, Callable[[float, Any], None]]] = [
             self._channel(keys.output("zone"), m.Zone, self._take_zone),
             self._channel(keys.output("command"), m.VelocityCommand, self._take_command),
             self._channel(keys.input("joints"), m.JointState, self._take_joints),
@@ -145,10 +171,10 @@ class Recorder:
     def drain(self) -> None:
         """Take all that waits, and ask for ``health`` when it is time to."""
         now = self.elapsed
-        for subscriber, decoder, take in self._channels:
+        for subscriber, reader, take in self._channels:
             while (sample := subscriber.handler.try_recv()) is not None:
                 try:
-                    take(now, decoder.decode(sample.payload.to_bytes()))
+                    take(now, reader.read(sample))
                 except InputError as error:
                     self.recording.refused[error.cause] += 1
         answer = self._health.poll()
@@ -173,9 +199,9 @@ class Recorder:
 
     def _channel(
         self, key: str, kind: type[m.Message], take: Callable[[float, Any], None]
-    ) -> tuple[Any, Decoder[Any], Callable[[float, Any], None]]:
+    ) -> tuple[Any, Reader, Callable[[float, Any], None]]:
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(CAPACITY))
-        return subscriber, Decoder(kind), take
+        return subscriber, Reader(kind), take
 
     def _take_zone(self, t: float, message: m.Zone) -> None:
         self.recording.profile = message.profile
@@ -222,7 +248,7 @@ class HealthQuery:
     def __init__(self, session: zenoh.Session, keys: Keys) -> None:
         self._session = session
         self._key = keys.output("health")
-        self._decoder = Decoder(m.Health)
+        self._reader = Reader(m.Health)
         self._asked = 0.0
         self._replies: Any = None
 
@@ -247,6 +273,7 @@ class HealthQuery:
         if reply.ok is None:
             return None
         try:
-            return self._decoder.decode(reply.ok.payload.to_bytes())
+            health: m.Health = self._reader.read(reply.ok)
         except InputError:
             return None
+        return health

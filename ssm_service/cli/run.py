@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from ..errors import ServiceError
 from .options import (
     NameOption,
     ProfileOption,
@@ -16,6 +17,9 @@ from .options import (
     checked_seconds,
 )
 from .output import log
+
+IN_USE = "Address already in use"
+"""The operating system's words, as Zenoh passes them on."""
 
 
 def run(
@@ -41,7 +45,11 @@ def run(
     zenoh_config: ZenohConfigOption = None,
     seconds: SecondsOption = None,
 ) -> None:
-    """Run the service: joints, readings and obstacles in; zone, limits and command out."""
+    """Run the service: joints, readings and obstacles in; zone, limits and command out.
+
+    Prints 'ready' once it decides, after a few seconds; Ctrl-C ends it. `ssm sim` in another
+    terminal is a robot to try it with, `ssm watch` shows what it decides.
+    """
     checked_seconds("--seconds", seconds)
     from ..service import ServiceOptions, run_service
 
@@ -55,4 +63,10 @@ def run(
         zenoh_config=zenoh_config,
         seconds=seconds,
     )
-    run_service(options, log)
+    try:
+        run_service(options, log)
+    except ServiceError as error:
+        if IN_USE not in str(error):
+            raise
+        text = f"{error}; is another `ssm run` listening there? Use --listen for another endpoint"
+        raise ServiceError(text) from error

@@ -41,7 +41,10 @@ def sim(
     ] = True,
     json: JsonOption = False,
 ) -> None:
-    """Simulate a robot, its sensors and its surroundings, which talk to a service as drivers would."""
+    """Simulate a robot, its sensors and its surroundings, which talk to a service as drivers would.
+
+    Waits for the service, `ssm run`, and goes on with a restarted one; Ctrl-C ends it.
+    """
     checked_seconds("--seconds", seconds)
     from ..simulation import SimulationOptions, run_simulation
 

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-import bisect
 import itertools
 from collections import Counter
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..safety import Zone
+from .limits import limits_obeyed
 from .recording import Recording
 
-TOLERANCE_RAD_S: Final = 1e-3
-"""A measured joint speed this little above its limit counts as obeying it."""
+BUSY_SHARE: Final = 0.002
+"""Share of decisions with an overrun, a loss or a stop of the consumer's own that is called many."""
+
+BUSY_COUNT: Final = 3
+"""So many of them are never called many."""
 
 
 def summarise(recording: Recording) -> dict[str, Any]:
     """Return the summary of a recording as plain values; times in s, distances in m, speeds in rad/s."""
     decisions = recording.decisions
+    arrivals, service = _arrivals(recording), _service(recording)
+    troubles = arrivals["lost"] + len(recording.stops) + (service["overruns"] if service else 0)
     return {
         "robot": recording.robot,
         "profile": recording.profile or None,
         "seconds": recording.seconds,
-        "decisions": _arrivals(recording),
+        "decisions": arrivals,
         "zones": zone_shares(recording),
         "zone_changes": sum(a.zone is not b.zone for a, b in itertools.pairwise(decisions)),
         "least_exact_distance_m": _least(row.exact for row in decisions),
@@ -36,7 +38,8 @@ def summarise(recording: Recording) -> dict[str, Any]:
             "seconds": sum(stop.end - stop.t for stop in recording.stops),
             "reasons": dict(Counter(reason for stop in recording.stops for reason in stop.reasons)),
         },
-        "service": _service(recording),
+        "service": service,
+        "machine_too_busy": troubles > max(BUSY_COUNT, BUSY_SHARE * len(decisions)),
     }
 
 
@@ -48,51 +51,6 @@ def zone_shares(recording: Recording) -> dict[str, float | None]:
         times[row.zone] += after.t - row.t
     total = sum(times.values())
     return {zone.word: times[zone] / total if total > 0.0 else None for zone in Zone}
-
-
-def limits_obeyed(recording: Recording) -> dict[str, Any]:
-    """Compare every measured joint state with the limits that were known when it arrived.
-
-    A zone that tightens takes effect at once, a joint slows down over some time; that time is not excused
-    here, but shown: as the greatest excess and the longest time above a limit.
-    """
-    excess = speed_excess(recording)
-    over = excess > TOLERANCE_RAD_S
-    times = np.array([row.t for row in recording.joints])
-    return {
-        "joint_states": len(excess),
-        "obeyed_share": float(np.mean(~over)) if len(excess) else None,
-        "greatest_excess_rad_s": max(float(excess.max()), 0.0) if len(excess) else None,
-        "tolerance_rad_s": TOLERANCE_RAD_S,
-        "longest_excess_s": _longest_run(times[-len(excess) :], over) if len(excess) else None,
-        "commands": len(recording.commands),
-        "commands_within_share": _commands_within(recording),
-    }
-
-
-def speed_excess(recording: Recording) -> NDArray[np.float64]:
-    """Return by how much the worst joint of each joint state is above its limit, (k,), [rad/s].
-
-    Joint states that came before the first decision are left out.
-    """
-    arrivals = [row.t for row in recording.decisions]
-    excess = []
-    for state in recording.joints:
-        index = bisect.bisect_right(arrivals, state.t) - 1
-        if index >= 0:
-            limit = recording.decisions[index].limit
-            excess.append(max(abs(v) - top for v, top in zip(state.velocity, limit, strict=True)))
-    return np.array(excess, dtype=np.float64)
-
-
-def _commands_within(recording: Recording) -> float | None:
-    limits = {row.seq: row.limit for row in recording.decisions}
-    within = [
-        all(abs(v) <= top + 1e-9 for v, top in zip(row.velocity, limits[row.seq], strict=True))
-        for row in recording.commands
-        if row.seq in limits
-    ]
-    return sum(within) / len(within) if within else None
 
 
 def _arrivals(recording: Recording) -> dict[str, Any]:
@@ -129,15 +87,3 @@ def _service(recording: Recording) -> dict[str, Any] | None:
 
 def _least(distances: Any) -> float | None:
     return min((distance for distance in distances if distance is not None), default=None)
-
-
-def _longest_run(times: NDArray[np.float64], flags: NDArray[np.bool_]) -> float:
-    longest, began = 0.0, None
-    for t, flag in zip(times.tolist(), flags.tolist(), strict=True):
-        if began is not None:
-            longest = max(longest, t - began)
-        if not flag:
-            began = None
-        elif began is None:
-            began = t
-    return longest

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ..client import Followed
-from .live import HISTORY, History, LiveState, RateMeter
+from .live import HISTORY, History, LiveState
+from .meters import RateMeter
 from .recording import Recorder
 
 
@@ -20,7 +21,6 @@ class Telling:
         self._recorder = recorder
         self._meter = RateMeter()
         self._history = History(state, (state.seconds or HISTORY) / HISTORY)
-        self._counted = 0
 
     def update(self, followed: Followed) -> None:
         """Take what has come since the last call."""
@@ -28,8 +28,8 @@ class Telling:
         recorder.note_stop(followed.reasons if followed.stopped_by_consumer else None)
         recorder.drain()
         recording, now = recorder.recording, recorder.elapsed
-        self._meter.add(now, len(recording.decisions) - self._counted)
-        self._counted = len(recording.decisions)
+        if recording.decisions:
+            self._meter.add(now, recording.decisions[-1].seq)
         state.elapsed, state.followed = now, followed
         state.rate = self._meter.rate(now)
         message = followed.zone_message

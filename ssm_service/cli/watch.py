@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import NoServiceError
+from ..errors import ConfigError, NoServiceError
 from .options import (
     ConnectOption,
-    FollowedOption,
     JsonOption,
     SecondsOption,
     ZenohConfigOption,
@@ -21,18 +20,30 @@ from .options import (
 from .output import emit, emit_json
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import ConsoleDimensions, RenderableType
 
     from .followers import Everyone, Watched
 
+DEFAULT_NAME = "ur3"
 POLL_S = 0.001
 QUIET_S = 2.0
 """Without a terminal, a line comes when something changes, and otherwise this often."""
 
 
 def watch(
-    name: FollowedOption = "ur3",
-    everyone: Annotated[bool, typer.Option("--all", help="Show every robot on the network.")] = False,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            "--name",
+            "--robot",
+            metavar="NAME",
+            help="The robot's name on the network.  \\[ur3]",
+            show_default=False,
+        ),
+    ] = None,
+    everyone: Annotated[
+        bool, typer.Option("--all", help="Show every robot on the network, instead of one.")
+    ] = False,
     connect: ConnectOption = None,
     zenoh_config: ZenohConfigOption = None,
     seconds: SecondsOption = None,
@@ -40,10 +51,14 @@ def watch(
 ) -> None:
     """Follow zone and command live, as a consumer with its watchdog: no news is a stop.
 
-    Waits for a service, and goes on with a restarted one. With --json, one line for each decision, and about
-    ten a second while the watchdog stops. Exit status 1: there was no decision in all the --seconds.
+    Waits for a service, and goes on with a restarted one. With --json, one line for each decision,
+    and about ten a second while the watchdog stops. Exit status 1: there was no decision in all
+    the --seconds.
     """
     checked_seconds("--seconds", seconds)
+    if everyone and name is not None:
+        raise ConfigError("--name", "", name, "no --name with --all, which follows every robot")
+    name = name or DEFAULT_NAME
     from ..client import Connection
     from .followers import Everyone, Watched
 
@@ -63,16 +78,16 @@ def watch(
 
 
 def _watch(everyone: Everyone, seconds: float | None, json: bool) -> None:
-    from .live import Display
+    from .display import Display
 
     began = time.monotonic()
 
-    def picture() -> RenderableType:
+    def picture(size: ConsoleDimensions) -> RenderableType:
         from .live import draw, draw_all
 
         if everyone.discover:
-            return draw_all([robot.state for robot in list(everyone.watched)])
-        return draw(everyone.watched[0].state)
+            return draw_all([robot.state for robot in list(everyone.watched)], size)
+        return draw(everyone.watched[0].state, size)
 
     with Display(picture, quiet=json, stderr=False) as display:
         while seconds is None or time.monotonic() - began < seconds:

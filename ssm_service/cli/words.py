@@ -8,6 +8,11 @@ if TYPE_CHECKING:
     from ..wire.messages import Zone
 
 
+def counted(count: int, what: str) -> str:
+    """Return a count with its noun, e.g. ``1 overrun`` or ``2 overruns``."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def metres(distance: float | None) -> str:
     """Return a distance in words; a dash where there is none."""
     return "–" if distance is None else f"{distance:.3f} m"

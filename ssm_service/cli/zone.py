@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from .options import ConnectOption, FollowedOption, JsonOption, TimeoutOption, ZenohConfigOption, endpoints
+from .options import (
+    ConnectOption,
+    FollowedOption,
+    JsonOption,
+    TimeoutOption,
+    ZenohConfigOption,
+    checked_timeout,
+    endpoints,
+)
 from .output import emit, emit_json
 from .words import zone_line
 
@@ -15,6 +23,7 @@ def zone(
     json: JsonOption = False,
 ) -> None:
     """Ask a running service for its zone, once."""
+    checked_timeout(timeout)
     from ..client import Client
 
     with Client(

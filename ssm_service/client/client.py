@@ -10,8 +10,9 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import msgspec
+import zenoh
 
-from ..errors import DuplicateServiceError, InputError, ServiceError
+from ..errors import DuplicateServiceError, InputError, NoServiceError, ServiceError, listed
 from ..wire import Decoder, Keys, robot_of
 from ..wire import messages as m
 from ..wire.session import DEFAULT_ENDPOINT
@@ -151,7 +152,11 @@ class Client:
         return Follower(self.connection, self.keys)
 
     def stream(self) -> Iterator[Followed]:
-        """Yield every decision as it comes, and a stop by itself when nothing valid has come in time.
+        """Yield the newest decision whenever there is one, and a stop by itself when none came in time.
+
+        It looks about every millisecond and yields the newest state only: of decisions that came between two
+        looks, the earlier ones are passed over, so the yields do not count the decisions. How many
+        there were is told by ``zone_message.seq``, which rises by one for each.
 
         It never ends and never raises for want of a service: it waits for one, saying stop about ten times a
         second, and goes on with a restarted one. Who takes longer than ``valid_for_ns`` over one yield
@@ -173,25 +178,35 @@ class Client:
             follower.close()
 
     def _one(self, name: str, kind: type[M]) -> M:
-        answers = [
-            self._decoded(name, kind, answer)
-            for answer in ask(self.connection, self.keys.output(name), patience_s=self._timeout_s)
-        ]
+        answers = [self._decoded(name, kind, answer) for answer in self._asked(name)]
         if len({getattr(answer, "producer", None) for answer in answers}) > 1:
             raise DuplicateServiceError(f"{len(answers)} services answer for {self.keys.robot}")
         return answers[0]
 
     def _sole(self, name: str, payload: bytes | None = None, timeout_s: float | None = None) -> bytes:
-        answers = ask(
-            self.connection,
-            self.keys.output(name),
-            patience_s=self._timeout_s,
-            timeout_s=timeout_s,
-            payload=payload,
-        )
+        answers = self._asked(name, payload, timeout_s)
         if len(answers) > 1:
             raise DuplicateServiceError(f"{len(answers)} services answer for {self.keys.robot}")
         return answers[0]
+
+    def _asked(self, name: str, payload: bytes | None = None, timeout_s: float | None = None) -> list[bytes]:
+        key = self.keys.output(name)
+        try:
+            return ask(self.connection, key, patience_s=self._timeout_s, timeout_s=timeout_s, payload=payload)
+        except NoServiceError as error:
+            if self.connection.session is None:
+                raise
+            raise NoServiceError(f"{error}; {self._who_is_there()}") from error
+
+    def _who_is_there(self) -> str:
+        try:
+            robots = self.robots()
+        except (NoServiceError, zenoh.ZError):  # the session was closed meanwhile
+            robots = []
+        if self.keys.robot in robots:
+            return "its service is there, but did not answer in time"
+        there = f"there: {listed(robots)}" if robots else "no robot's service is there"
+        return f"{there}; a service takes a few seconds to start, and then prints 'ready'"
 
     def _decoded(self, name: str, kind: type[M], payload: bytes) -> M:
         try:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import zenoh
 
-from ..errors import ConfigError, ServiceError
+from ..errors import ConfigError, ServiceError, listed
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a service listens, and its consumers dial, when nothing else is said."""
@@ -36,6 +36,10 @@ _COMMON: dict[str, Any] = {
     "transport/shared_memory/enabled": False,
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
 }
+
+# The protocols that Zenoh's Python package is built with.
+_NETWORK = ("tcp", "udp", "tls", "quic", "ws")
+_OTHER = ("unixsock-stream",)
 
 
 def zenoh_config(
@@ -87,8 +91,19 @@ def zenoh_config(
 
 def _check_endpoints(option: str, endpoints: Sequence[str]) -> None:
     for endpoint in endpoints:
-        if not re.fullmatch(r"[a-z][a-z0-9_-]*/\S+", endpoint):
-            raise ConfigError(option, "", endpoint, f"PROTOCOL/ADDRESS, for example {DEFAULT_ENDPOINT}")
+        if not _is_endpoint(endpoint):
+            allowed = f"PROTOCOL/HOST:PORT, for example {DEFAULT_ENDPOINT}"
+            raise ConfigError(
+                option, "", endpoint, f"{allowed}; the protocols are {listed(_NETWORK + _OTHER)}"
+            )
+
+
+def _is_endpoint(endpoint: str) -> bool:
+    protocol, _, address = endpoint.partition("/")
+    if protocol in _OTHER:
+        return re.fullmatch(r"\S+", address) is not None
+    found = re.fullmatch(r"(?:\[[^\s/\[\]]+\]|[^\s/:\[\]]+):(\d{1,5})(?:[?#]\S*)?", address)
+    return protocol in _NETWORK and found is not None and int(found[1]) <= 65535
 
 
 def _from_file(file: str | Path) -> zenoh.Config:
@@ -139,5 +154,7 @@ def still_closing() -> bool:
 
 
 def _said(error: Exception) -> str:
-    """Return what Zenoh said, without the places in its own source."""
-    return re.sub(r" at /\S+:\d+\.?", "", str(error)).strip()
+    """Return what Zenoh said, without the places in its own source and its own notation."""
+    text = re.sub(r" at /\S+:\d+\.?", "", str(error))
+    text = re.sub(r"\bSingle\(([^()]*)\)", r"\1", text)
+    return re.sub(r"#so_rcvbuf=\d+;so_sndbuf=\d+", "", text).strip()

@@ -9,6 +9,7 @@ import pytest
 
 from ssm_service.cli.check_robot import check_robot
 from ssm_service.cli.check_zenoh import check_zenoh
+from ssm_service.cli.faults import Removed, steps_of
 from ssm_service.errors import ConfigError
 
 UR3 = Path(__file__).resolve().parents[2] / "robots" / "ur3.toml"
@@ -54,6 +55,43 @@ def test_a_wrong_key_is_a_fault_with_what_is_allowed(ssm, tmp_path):
     assert done.returncode == 1
     assert "fault rings[0].parent_frame" in done.stdout
     assert "forearm_link" in done.stdout
+
+
+def test_all_faults_are_found_by_their_own_names_both_in_the_file_and_against_the_urdf(tmp_path):
+    ring = UR3.read_text().partition("[[rings]]")[2].partition("[limits]")[0]
+    file = variant(
+        tmp_path,
+        ('parent_frame = "forearm_link"', 'parent_frame = "forarm_link"'),
+        ("timeout_s = 0.4", "timeout_s = -0.4"),
+        ("[joints.locked]", 'frob = 3\nlinks = ["nolink"]\n[joints.locked]\nfoo = 3.0'),
+        ("[limits]", "[[rings]]" + ring.replace('name = "forearm"', 'name = "b"\nradius = 1') + "[limits]"),
+    )
+    report = check_robot(str(file))
+    faults = [finding.key for finding in report.findings if finding.level == "fault"]
+    assert faults[0] == "frob"
+    assert set(faults) == {
+        "frob", "rings[1].radius", "sources.ranges.timeout_s", "joints.locked.foo", "links[0]",
+        "rings[0].parent_frame",
+    }  # fmt: skip
+    assert len(faults) == len(set(faults))
+    assert report.findings[-1].level == "note"
+    assert "check again" in report.findings[-1].text
+
+
+def test_an_entry_of_a_list_keeps_its_number_after_another_was_taken_out():
+    removed = Removed()
+    document = {"rings": [{"a": 1}, {"b": 2}, {"c": 3}]}
+    document = removed.without(document, ["rings", 0, "missing"])
+    assert document == {"rings": [{"b": 2}, {"c": 3}]}
+    assert removed.original(["rings", 0, "b"]) == "rings[1].b"
+    document = removed.without(document, ["rings", 1])
+    assert document == {"rings": [{"b": 2}]}
+    assert removed.original(["rings", 0]) == "rings[1]"
+    assert removed.without({"a": 1}, ["b"]) is None
+
+
+def test_the_steps_of_a_key_path():
+    assert steps_of('rings[10].a-b."c.d"[0]') == ["rings", 10, "a-b", "c.d", 0]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,14 @@ def test_it_reports_what_it_measured(marked: Marked, tmp_path: Path):
     out, err = demo.communicate(timeout=100)
     assert demo.returncode == 0, err
     assert not marked.alive()
-    for word in ("zones", "least distance", "decisions/s", "limits obeyed", "report/summary.json"):
+    for word in (
+        "zones",
+        "least distance",
+        "decisions/s",
+        "commands",
+        "measured speed",
+        "report/summary.json",
+    ):
         assert word in out
     summary = json.loads((tmp_path / "report" / "summary.json").read_text())
     assert summary["figures"] == FIGURES
@@ -36,6 +43,7 @@ def test_it_reports_what_it_measured(marked: Marked, tmp_path: Path):
     assert 0.0 < summary["least_exact_distance_m"] < 2.0
     limits = summary["joint_speed_limits"]
     assert limits["joint_states"] > 200
+    assert limits["above_a_limit_otherwise"]["joint_states"] == 0
     assert limits["commands_within_share"] == 1.0
     assert summary["service"]["tick_us"]["p50"] > 0.0
     assert summary["service"]["rate_hz"] == 200.0
@@ -43,7 +51,7 @@ def test_it_reports_what_it_measured(marked: Marked, tmp_path: Path):
 
 def test_ctrl_c_ends_it_early_with_a_report_and_nothing_stays_behind(marked: Marked, tmp_path: Path):
     demo = marked.start("demo", "--seconds", "60", "--json", cwd=tmp_path)
-    wait_for_line(demo, "recording")
+    wait_for_line(demo, "following")
     assert len(marked.wait_for(4)) == 4  # demo, service, its evaluating process, simulation
     demo.send_signal(signal.SIGINT)
     out, err = demo.communicate(timeout=60)
@@ -53,10 +61,20 @@ def test_ctrl_c_ends_it_early_with_a_report_and_nothing_stays_behind(marked: Mar
     assert not marked.alive()
 
 
+def test_ctrl_c_during_the_start_leaves_no_folder_behind(marked: Marked, tmp_path: Path):
+    demo = marked.start("demo", "--out", "new/report", cwd=tmp_path)
+    wait_for_line(demo, "starting")
+    demo.send_signal(signal.SIGINT)
+    demo.communicate(timeout=30)
+    assert demo.returncode == 130
+    assert list(tmp_path.iterdir()) == []
+    assert not marked.alive()
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_nothing_stays_behind_when_it_is_ended_from_outside(marked: Marked, tmp_path: Path, number: int):
     demo = marked.start("demo", "--seconds", "60", cwd=tmp_path)
-    wait_for_line(demo, "recording")
+    wait_for_line(demo, "following")
     demo.send_signal(number)
     demo.communicate(timeout=30)
     assert demo.returncode != 0
@@ -66,14 +84,14 @@ def test_nothing_stays_behind_when_it_is_ended_from_outside(marked: Marked, tmp_
 @pytest.mark.parametrize("command", ["run", "sim"])
 def test_the_crash_of_a_child_is_a_failure_with_its_words(marked: Marked, tmp_path: Path, command: str):
     demo = marked.start("demo", "--seconds", "60", cwd=tmp_path)
-    wait_for_line(demo, "recording")
+    wait_for_line(demo, "following")
     child = next(pid for pid, line in marked.alive().items() if f"ssm_service.cli {command} " in line)
     os.kill(child, signal.SIGKILL)
     _, err = demo.communicate(timeout=30)
     assert demo.returncode == 1
     assert "ended by signal 9" in err
     assert "Traceback" not in err
-    assert not (tmp_path / "ssm-report" / "summary.json").exists()
+    assert not (tmp_path / "ssm-report").exists()
     assert not marked.wait_for(0)
 
 

@@ -79,6 +79,22 @@ def test_watch_survives_a_restart_of_the_service(marked):
     assert (watch.returncode, err) == (0, "")
 
 
+def test_a_name_that_nobody_has_is_answered_with_those_that_are_there(ssm, service):
+    done = ssm("zone", "--connect", service, "--name", "ur33", "--timeout", "0.5")
+    assert done.returncode == 1
+    assert "nobody answered ssm/ur33/zone within 0.5 s; there: ur3;" in done.stderr
+    assert "'ready'" in done.stderr
+
+
+def test_an_endpoint_in_use_is_said_without_zenohs_own_notation(ssm, service):
+    done = ssm("run", "--listen", service)
+    assert done.returncode == 1
+    assert "another `ssm run`" in done.stderr
+    assert "--listen" in done.stderr
+    for notation in ("so_rcvbuf", "Single(", "Traceback"):
+        assert notation not in done.stderr
+
+
 def test_a_second_service_of_the_same_name_is_refused(ssm, service):
     done = ssm("run", "--connect", service, "--listen", "tcp/127.0.0.1:0", "--seconds", "5")
     assert done.returncode == 1
