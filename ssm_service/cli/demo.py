@@ -55,17 +55,21 @@ def demo(
     a summary, and a folder with summary.json and figures. Ctrl-C ends the recording early and
     still writes the report.
     """
-    checked_rate(rate)
     checked_seconds("--seconds", seconds)
     from .processes import Children, unwinding_on_termination
-    from .report import SUMMARY, ReportFolder
-    from .summary import summarise
-    from .summary_words import row_lines, summary_lines
 
     with unwinding_on_termination(), Children() as children:
         endpoint = _start(children, robot, scenario, rate, seconds)
-        loaded, name = _loaded(robot, scenario)  # while they start
+        # Imports take their time, also those of a check: they are done while the children do theirs.
+        from .figures import prepare
+        from .report import SUMMARY, ReportFolder
+        from .summary import summarise
+        from .summary_words import row_lines, summary_lines
+
+        checked_rate(rate)
+        loaded, name = _loaded(robot, scenario)
         log(f"starting service and simulation on {endpoint}")
+        prepare()
         with ReportFolder(out) as folder:
             title = f"ssm demo · {loaded.name} · {name}"
             recording = _record(children, endpoint, loaded, title, seconds, json)

@@ -47,11 +47,17 @@ class Run(NamedTuple):
     end: float
 
 
-def write_figures(folder: Path, recording: Recording, robot: Robot) -> list[str]:
-    """Write all figures into a folder and return their names."""
+def prepare() -> None:
+    """Load matplotlib now; its very first start builds a font cache, which takes a while."""
     import matplotlib
 
     matplotlib.use("Agg")
+    import matplotlib.pyplot
+
+
+def write_figures(folder: Path, recording: Recording, robot: Robot) -> list[str]:
+    """Write all figures into a folder and return their names."""
+    prepare()
     import matplotlib.pyplot as plt
 
     drawings: tuple[Callable[[Recording, Robot], Any], ...] = (_distance, _speeds, draw_path, _ticks)

@@ -51,8 +51,10 @@ class Watched:
         followed = self._follower.poll()
         now = time.monotonic() - self._began
         state = self.state
-        new = followed is not state.followed
-        message = followed.zone_message
+        message, before = followed.zone_message, state.followed
+        # A stop is obeyed before its command has come, and is still the same decision afterwards.
+        same = message is not None and before is not None and message is before.zone_message
+        new = followed is not before and not same
         if new and message is not None:
             self.decided = True
             self._meter.add(now, message.seq, message.producer)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -33,17 +34,18 @@ class ReportFolder:
         Raises:
             ConfigError: It cannot be made or written to.
         """
-        missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        self._made = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
         try:
-            for folder in reversed(missing):
-                folder.mkdir()
-                self._made.append(folder)
+            self.path.mkdir(parents=True, exist_ok=True)
             for name in (SUMMARY, *FIGURES):  # a rerun that fails must not look like the run before it
                 (self.path / name).unlink(missing_ok=True)
         except OSError as error:
             self._remove()
             allowed = f"a folder to write to ({error.strerror})"
             raise ConfigError("--out", "", str(self.path), allowed) from error
+        except BaseException:  # Ctrl-C does not wait until we are done
+            self._remove()
+            raise
         return self
 
     def __exit__(
@@ -64,10 +66,9 @@ class ReportFolder:
 
     def _remove(self) -> None:
         """Remove our figures and the folders that we made, unless somebody else has put something there."""
-        try:
+        with contextlib.suppress(OSError):
             for name in FIGURES:
                 (self.path / name).unlink(missing_ok=True)
-            for folder in reversed(self._made):
-                folder.rmdir()
-        except OSError:
-            return
+            for folder in self._made:
+                if folder.exists():
+                    folder.rmdir()

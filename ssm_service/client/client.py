@@ -33,6 +33,8 @@ POLL_S = 0.001
 REPEAT_S = 0.1
 """Between two yields of a stop that goes on [s]."""
 
+STARTING = "a service takes a few seconds to start, and then prints 'ready'"
+
 
 class Client:
     """A consumer of one robot's service.
@@ -194,9 +196,10 @@ class Client:
         try:
             return ask(self.connection, key, patience_s=self._timeout_s, timeout_s=timeout_s, payload=payload)
         except NoServiceError as error:
-            if self.connection.session is None:
+            if not self._finalizer.alive:  # closed by ourselves
                 raise
-            raise NoServiceError(f"{error}; {self._who_is_there()}") from error
+            there = f"{self._who_is_there()}; " if self.connection.session is not None else ""
+            raise NoServiceError(f"{error}; {there}{STARTING}") from error
 
     def _who_is_there(self) -> str:
         try:
@@ -205,8 +208,7 @@ class Client:
             robots = []
         if self.keys.robot in robots:
             return "its service is there, but did not answer in time"
-        there = f"there: {listed(robots)}" if robots else "no robot's service is there"
-        return f"{there}; a service takes a few seconds to start, and then prints 'ready'"
+        return f"there: {listed(robots)}" if robots else "no robot's service is there"
 
     def _decoded(self, name: str, kind: type[M], payload: bytes) -> M:
         try:

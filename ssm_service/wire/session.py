@@ -157,4 +157,4 @@ def _said(error: Exception) -> str:
     """Return what Zenoh said, without the places in its own source and its own notation."""
     text = re.sub(r" at /\S+:\d+\.?", "", str(error))
     text = re.sub(r"\bSingle\(([^()]*)\)", r"\1", text)
-    return re.sub(r"#so_rcvbuf=\d+;so_sndbuf=\d+", "", text).strip()
+    return re.sub(r"#so_rcvbuf=\d+;so_sndbuf=\d+", "", text).rstrip("!. ")
