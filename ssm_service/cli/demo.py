@@ -51,9 +51,9 @@ def demo(
 ) -> None:
     """Show it all: the service, a simulated robot with its sensors, and a consumer that follows.
 
-    Needs no robot and no network: processes on this machine's loopback, on a free port. Ends with
-    a summary, and a folder with summary.json and figures. Ctrl-C ends the recording early and
-    still writes the report.
+    Needs no robot and no network: processes on this machine's loopback, on a
+    free port. Ends with a summary, and a folder with summary.json and
+    figures. Ctrl-C ends the recording early and still writes the report.
     """
     checked_seconds("--seconds", seconds)
     from .processes import Children, unwinding_on_termination

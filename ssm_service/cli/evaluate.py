@@ -53,8 +53,9 @@ def evaluate(
 ) -> None:
     """Say what the service would say to each snapshot: JSON lines in, JSON lines out, in the same order.
 
-    A line that cannot be evaluated yields an error on its line, the others are still answered,
-    and the exit status is 1. Without --remote no network is used.
+    A line that cannot be evaluated yields an error on its line, the others
+    are still answered, and the exit status is 1. Without --remote no network
+    is used.
     """
     checked_timeout(timeout)
     if remote and profile is not None:

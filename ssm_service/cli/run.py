@@ -47,8 +47,9 @@ def run(
 ) -> None:
     """Run the service: joints, readings and obstacles in; zone, limits and command out.
 
-    Prints 'ready' once it decides, after a few seconds; Ctrl-C ends it. `ssm sim` in another
-    terminal is a robot to try it with, `ssm watch` shows what it decides.
+    Prints 'ready' once it decides, after a few seconds; Ctrl-C ends it. `ssm
+    sim` in another terminal is a robot to try it with, `ssm watch` shows what
+    it decides.
     """
     checked_seconds("--seconds", seconds)
     from ..service import ServiceOptions, run_service

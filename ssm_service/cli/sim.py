@@ -43,7 +43,8 @@ def sim(
 ) -> None:
     """Simulate a robot, its sensors and its surroundings, which talk to a service as drivers would.
 
-    Waits for the service, `ssm run`, and goes on with a restarted one; Ctrl-C ends it.
+    Waits for the service, `ssm run`, and goes on with a restarted one; Ctrl-C
+    ends it.
     """
     checked_seconds("--seconds", seconds)
     from ..simulation import SimulationOptions, run_simulation

@@ -51,9 +51,9 @@ def watch(
 ) -> None:
     """Follow zone and command live, as a consumer with its watchdog: no news is a stop.
 
-    Waits for a service, and goes on with a restarted one. With --json, one line for each decision,
-    and about ten a second while the watchdog stops. Exit status 1: there was no decision in all
-    the --seconds.
+    Waits for a service, and goes on with a restarted one. With --json, one
+    line for each decision, and about ten a second while the watchdog stops.
+    Exit status 1: there was no decision in all the --seconds.
     """
     checked_seconds("--seconds", seconds)
     if everyone and name is not None:
