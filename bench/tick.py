@@ -27,7 +27,7 @@ from .scenes import FARTHEST_M, NEAREST_M, RADIUS_M, Scene, draw_scenes, how_dra
 COUNTS = (1, 10, 100)
 PACES = {"tight": 0.0, "2 ms sleeps": 0.002}
 POOL = 200
-BLOCK = 20
+BLOCK = 50
 WARM_UP = 3
 
 STEP, FLOOR, WIRE = "step", "floor", "wire"
@@ -43,8 +43,8 @@ row 'decode …'. The network itself is in neither.
 {WHAT[FLOOR]}: the floor, one call on the same hull pieces and spheres, whose poses are written before the \
 clock starts. It measures all pairs; a tick that leaves out those that cannot be the nearest may be below it.
 All variants take turns in blocks of {BLOCK} ticks in random order, so that a drift of the machine hits all \
-alike; in the tight loop the first {WARM_UP} ticks of a block are not counted. The garbage collector is off, \
-as in the service.
+alike; the first {WARM_UP} ticks of a block, which find the caches as another variant left them, are not \
+counted. The garbage collector is off, as in the service.
 'per obstacle' is p50 / N; 'to floor' is the ratio of the p50.\
 """
 
@@ -161,15 +161,14 @@ class Variant:
     def run(self, ticks: int) -> None:
         """Measure ``ticks`` ticks in the variant's pace."""
         sleep = PACES[self.pace]
-        warm_up = 0 if sleep else WARM_UP
-        for i in range(ticks + warm_up):
+        for i in range(ticks + WARM_UP):
             call = self.work.prepare(next(self.scenes))
             if sleep:
                 time.sleep(sleep)
             begin = time.perf_counter_ns()
             call()
             taken = time.perf_counter_ns() - begin
-            if i >= warm_up:
+            if i >= WARM_UP:
                 self.times_ns.append(taken)
 
 
