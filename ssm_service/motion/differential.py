@@ -14,7 +14,7 @@ from ..errors import InputError
 def damped_pseudo_inverse(
     jacobian: NDArray[np.float64], *, threshold: float, max_damping: float
 ) -> NDArray[np.float64]:
-    """Return the damped least-squares inverse of a Jacobian ([Neri2023], SCIENCE 7).
+    """Return the damped least-squares inverse of a Jacobian ([Neri2023]).
 
     ``J⁺ = Jᵀ (J Jᵀ + λ² I)⁻¹``, which equals ``(Jᵀ J + λ² I)⁻¹ Jᵀ``, through the singular values ``σ`` of J:
     each ``1/σ`` becomes ``σ / (σ² + λ²)``. With ``ε`` the threshold and ``σ_min`` the least of the

@@ -25,7 +25,7 @@ The paper prints neither the value of ``δ_i(x,z)`` nor how it depends on the se
   count most. One echo repels with 2/k of the conventional field's force at the same η; several add up.
 
 Both have the bounds of the module ``fields``, and its known weakness: local minima. Besides, what no sensor
-sees does not repel (SCIENCE 3: about 40 % of the directions at the paper's own numbers).
+sees does not repel, and eight cones of 20° leave most of the directions unseen.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def test_distance_is_that_of_the_triangles(robot, world, model, shape):
 
 
 def test_inside_sphere_is_deep(robot, world, model):
-    """A ball wholly inside a mesh reads as far from it (FACTS: trap 1); here it is contact."""
+    """A ball wholly inside a mesh reads as far from it (trap 1); here it is contact."""
     rng = np.random.default_rng(11)
     for position in random_positions(robot, rng, 10):
         corners = world.triangles(position, "upper_arm_link")
@@ -278,7 +278,7 @@ def test_no_obstacles(robot, model):
     ],
 )
 def test_bad_positions_are_refused(model, count, position, cause):
-    """Coal calls a NaN pose infinitely far (FACTS: trap 2)."""
+    """Coal calls a NaN pose infinitely far (trap 2)."""
     model.set_obstacles([Obstacle(id="o", shape="sphere", size=(0.1,), position=(0.4, 0.0, 0.0))][:count])
     for ask in (model.nearest, model.bounds, model.all_pairs):
         with pytest.raises(InputError) as caught:

@@ -42,7 +42,7 @@ def random_ranges(rng, count=8, echoes=3):
 
 
 def sphere_reading(transform, centre, radius, half_angle=math.pi / 18):
-    """The closed form of SCIENCE 2."""
+    """The closed form of the ring: rotz(2π/8·(i − 1))·translate(r, 0, 0)."""
     x, y, z = np.linalg.inv(transform)[:3] @ [*centre, 1.0]
     c, off = math.sqrt(x * x + y * y + z * z), math.atan2(math.hypot(y, z), x)
     if c <= radius:
