@@ -16,7 +16,7 @@ from .figure_events import mark_events
 from .figure_path import draw_path
 from .palette import BAND, LINES
 from .recording import Recording
-from .report import FIGURES
+from .words import FIGURES
 
 WIDTH_IN: Final = 9.6
 DPI: Final = 150

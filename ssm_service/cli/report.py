@@ -8,13 +8,13 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from ..errors import ConfigError
+from .words import FIGURES
 
 if TYPE_CHECKING:
     from ..model import Robot
     from .recording import Recording
 
 SUMMARY: Final = "summary.json"
-FIGURES: Final = ("distance.png", "speeds.png", "path.png", "ticks.png")
 
 
 class ReportFolder:

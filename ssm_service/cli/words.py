@@ -1,11 +1,13 @@
-"""Messages in words."""
+"""Messages in words, and the names of the report's files."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from ..wire.messages import Zone
+
+FIGURES: Final = ("distance.png", "speeds.png", "path.png", "ticks.png")
 
 
 def counted(count: int, what: str) -> str:

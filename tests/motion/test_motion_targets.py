@@ -25,7 +25,7 @@ def jacobian(n, seed=0):
 
 
 def arm(q):
-    """End effector of a 3-joint arm like the UR3's and its Jacobian by the closed form of [Kang2022] (7)–(10)."""
+    """End effector of a 3-joint arm like the UR3's and its Jacobian, by [Kang2022] (7)–(10)."""
     l1, l2, l3 = 0.1519, 0.24365, 0.21325
     t1, t2, t3 = q[0], -q[1], q[2]
     reach = l3 * math.cos(t2 - t3) + l2 * math.cos(t2)
