@@ -285,3 +285,17 @@ def test_one_sensor_is_the_same_as_all_of_them():
         assert kinematics.transform_sensor_to_base(index) == pytest.approx(T, abs=1e-15)
     with pytest.raises(IndexError):
         kinematics.transform_sensor_to_base(8)
+
+
+def test_links_are_where_pinocchio_says():
+    robot = Robot.load("ur3")
+    position = np.linspace(-1.0, 1.0, 6)
+    transforms = robot.link_transforms(position)
+    assert set(robot.monitored_links) <= set(transforms)
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, position)
+    for link, T in transforms.items():
+        frame = robot.model.getFrameId(link, pin.FrameType.BODY)
+        assert pytest.approx(data.oMf[frame].homogeneous, abs=1e-12) == T
+    elbow, wrist = transforms["forearm_link"], transforms["wrist_1_link"]
+    assert np.linalg.norm(wrist[:3, 3] - elbow[:3, 3]) == pytest.approx(0.21325, abs=1e-9)
