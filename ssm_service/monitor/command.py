@@ -1,4 +1,4 @@
-"""From the target to the velocity that it wants, before any limit."""
+"""From the target to the velocity that it wants, and from that to what the limits leave of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import Kinematics, Robot
-from ..motion import ObstaclePoint, position_to_joints, twist_to_joints
+from ..motion import ObstaclePoint, limit_velocity, position_to_joints, twist_to_joints
+from ..safety import Zone, ZoneProfile
 from .decision import Nearest
 from .inputs import Target
 
@@ -54,4 +55,45 @@ def wanted_velocity(
         ),
         ranges=ranges,
         steps=steps,
+    )
+
+
+def zone_speed_limit(robot: Robot, profile: ZoneProfile, zone: Zone) -> NDArray[np.float64]:
+    """Return each joint's speed limit in a zone, (n,), [rad/s]: never above the joint's own."""
+    speed = profile.joint_speed(zone)
+    if speed is None:
+        return robot.velocity_limit.copy()
+    return np.minimum(robot.velocity_limit, speed)
+
+
+def limited_velocity(
+    robot: Robot,
+    wanted: NDArray[np.float64],
+    *,
+    previous: NDArray[np.float64],
+    position: NDArray[np.float64],
+    speed_limit: NDArray[np.float64],
+    period_s: float,
+) -> NDArray[np.float64]:
+    """Return the wanted velocity within all of the robot's limits and the zone's, (n,), [rad/s].
+
+    Args:
+        robot: The robot, whose position limits, margin and acceleration hold.
+        wanted: (n,), [rad/s].
+        previous: (n,), [rad/s], the last command.
+        position: (n,), [rad].
+        speed_limit: (n,), [rad/s], of the zone.
+        period_s: Time to the next command [s].
+    """
+    limits = robot.config.file.limits
+    return limit_velocity(
+        wanted,
+        previous=previous,
+        position=position,
+        speed_limit=speed_limit,
+        lower=robot.position_lower,
+        upper=robot.position_upper,
+        margin=limits.position_margin_rad,
+        acceleration=limits.acceleration_rad_s2,
+        dt=period_s,
     )

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from ..config import SourcesConfig
 from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Robot
-from ..motion import limit_velocity, sensor_steps
+from ..motion import sensor_steps
 from ..perception import RingEstimates, estimate
 from ..safety import SourceState, SourceStatus, Zone, ZoneProfile
 from .assess import Assessment, assess, nearest_by_obstacles, nearest_by_rings
-from .command import wanted_velocity
+from .command import limited_velocity, wanted_velocity, zone_speed_limit
 from .inputs import JointSample, Target
 
 
@@ -103,8 +103,7 @@ class Evaluator:
             self._statuses(question, robot.config.file.sources),
             [thing for thing in seen if thing is not None],
         )
-        speed = profile.joint_speed(now.zone)
-        limit = robot.velocity_limit if speed is None else np.minimum(robot.velocity_limit, speed)
+        limit = zone_speed_limit(robot, profile, now.zone)
         return Evaluation(
             zone=now.zone,
             distance=None if now.nearest is None else now.nearest.distance,
@@ -120,15 +119,15 @@ class Evaluator:
     def _statuses(self, question: EvaluationInput, sources: SourcesConfig) -> list[SourceStatus]:
         """Return fresh states for what is given; with no perception at all, what the file requires waits."""
 
-        def status(name: str, state: SourceState) -> SourceStatus:
+        def status_of(name: str, state: SourceState) -> SourceStatus:
             return SourceStatus(name=name, state=state, age_s=0.0 if state is SourceState.FRESH else None)
 
         given = {"ranges": question.ranges is not None, "obstacles": question.obstacles is not None}
-        statuses = [status("joints", SourceState.FRESH)]
-        statuses += [status(name, SourceState.FRESH) for name, there in given.items() if there]
+        statuses = [status_of("joints", SourceState.FRESH)]
+        statuses += [status_of(name, SourceState.FRESH) for name, there in given.items() if there]
         if not any(given.values()):
             required = [name for name in given if getattr(sources, name).required]
-            statuses += [status(name, SourceState.ABSENT) for name in required]
+            statuses += [status_of(name, SourceState.ABSENT) for name in required]
         return statuses
 
     def _pairs(self, question: EvaluationInput) -> tuple[EvaluatedPair, ...]:
@@ -169,16 +168,13 @@ class Evaluator:
         wanted = wanted_velocity(
             robot, kinematics, question.target, now.nearest, question.ranges, self._steps
         )
-        return limit_velocity(
+        return limited_velocity(
+            robot,
             wanted,
-            previous=wanted,
+            previous=wanted,  # as if it had been reached: the acceleration limit does not bind
             position=question.joints.position,
             speed_limit=limit,
-            lower=robot.position_lower,
-            upper=robot.position_upper,
-            margin=robot.config.file.limits.position_margin_rad,
-            acceleration=robot.config.file.limits.acceleration_rad_s2,
-            dt=EVALUATION_PERIOD_S,
+            period_s=EVALUATION_PERIOD_S,
         )
 
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from ..config import ProfileConfig
 from ..errors import ConfigError, listed, suggestion
 from ..model import DistanceModel, Kinematics, Obstacle, Robot
-from ..motion import limit_velocity, sensor_steps
+from ..motion import sensor_steps
 from ..safety import SourceState, SourceStatus, Zone, ZoneMachine, ZoneProfile, classify
 from .assess import Assessment, assess, nearest_by_obstacles, nearest_by_rings
-from .command import wanted_velocity
+from .command import limited_velocity, wanted_velocity, zone_speed_limit
 from .decision import Decision, Nearest
 from .evaluate import Evaluation, EvaluationInput, Evaluator
 from .inputs import Inputs
@@ -187,23 +187,12 @@ class Monitor:
         if zone is Zone.STOP or kinematics is None or inputs.joints.value is None:
             self._velocity = np.zeros(len(limit))
         else:
-            self._velocity = limit_velocity(
+            self._velocity = limited_velocity(
+                self.robot,
                 wanted,
                 previous=self._velocity,
                 position=inputs.joints.value.position,
                 speed_limit=limit,
-                lower=self.robot.position_lower,
-                upper=self.robot.position_upper,
-                margin=self.robot.config.file.limits.position_margin_rad,
-                acceleration=self.robot.config.file.limits.acceleration_rad_s2,
-                dt=self.period_s,
+                period_s=self.period_s,
             )
         return self._velocity
-
-
-def zone_speed_limit(robot: Robot, profile: ZoneProfile, zone: Zone) -> NDArray[np.float64]:
-    """Return each joint's speed limit in a zone, (n,), [rad/s]: never above the joint's own."""
-    speed = profile.joint_speed(zone)
-    if speed is None:
-        return robot.velocity_limit.copy()
-    return np.minimum(robot.velocity_limit, speed)

@@ -21,6 +21,7 @@ class Seen:
 
     zones: list[Zone] = field(default_factory=list)
     arrivals: list[tuple[float, ...]] = field(default_factory=list)
+    at_goal_s: list[float] = field(default_factory=list)
     nearest: float = math.inf
     nearest_links: set[str] = field(default_factory=set)
     scans: int = 0
@@ -95,6 +96,8 @@ class Witness:
             return
         place = self.robot.kinematics(self.run.world.plant.position).transform_end_effector_to_base[:3, 3]
         goal = tuple(target.value.tolist())
+        if math.dist(place, goal) < 0.002:
+            self.seen.at_goal_s.append(len(self.seen.zones) * PERIOD_S)
         if math.dist(place, goal) < 0.002 and (not self.seen.arrivals or self.seen.arrivals[-1] != goal):
             self.seen.arrivals.append(goal)
 
