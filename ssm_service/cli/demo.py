@@ -123,8 +123,8 @@ def _record(
     try:
         follower, recorder = _ready(children, connection, keys, robot)
         _settle(follower, recorder)
-        log("ready; following")
         try:
+            log("ready; following")  # who reads this may send Ctrl-C before it has returned
             _follow(children, follower, recorder, LiveState(title=title, seconds=seconds), quiet=json)
         except KeyboardInterrupt:
             log("ended early")
