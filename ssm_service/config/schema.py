@@ -78,6 +78,15 @@ class RingConfig(Section, frozen=True, kw_only=True):
         float,
         _meta("distance of the sensors from the axis: the radius of the link there", "m", gt=0.0, le=2.0),
     ]
+    tilt_deg: Annotated[
+        float,
+        _meta(
+            "elevation of the sensing directions out of the ring's plane, towards the axis",
+            "deg",
+            gt=-90.0,
+            lt=90.0,
+        ),
+    ] = 0.0
     field_of_view_deg: Annotated[
         float, _meta("full opening angle of one sensor's cone", "deg", gt=0.0, lt=180.0)
     ]
@@ -105,6 +114,53 @@ class RingConfig(Section, frozen=True, kw_only=True):
         dot = sum(a * b for a, b in zip(self.axis, self.first_direction, strict=True))
         if abs(dot) > 1e-6 * norms[0] * norms[1]:
             raise ValueError("`first_direction` must be perpendicular to `axis`")
+
+
+class AssumptionsConfig(Section, frozen=True, kw_only=True):
+    """What is taken for granted of obstacles and readings; `lower_bound` is sound within it, not beyond."""
+
+    radius_min_m: Annotated[
+        float, _meta("obstacles are balls of at least this radius", "m", gt=0.0, le=10.0)
+    ] = 0.05
+    radius_max_m: Annotated[
+        float, _meta("obstacles are balls of at most this radius", "m", gt=0.0, le=10.0)
+    ] = 0.15
+    assumed_radius_m: (
+        Annotated[
+            float,
+            _meta("radius that `sphere_fit` assumes; left out: `radius_min_m`", "m", gt=0.0, le=10.0),
+        ]
+        | None
+    ) = None
+    reading_error_m: Annotated[
+        float, _meta("ε: greatest error of a reading (±); no echo is lost otherwise", "m", ge=0.0, le=1.0)
+    ]
+    obstacles: Annotated[
+        Literal["one", "many"],
+        _meta(
+            "`one`: all echoes are those of one ball; `many`: another ball may hide wherever no sensor looks"
+        ),
+    ] = "many"
+    links: Annotated[
+        list[str] | None,
+        _meta("links that the rings answer for, each of which carries a ring; left out: all that do"),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.radius_min_m > self.radius_max_m:
+            raise ValueError("`radius_min_m` must not be above `radius_max_m`")
+        if self.assumed_radius_m is not None and not (
+            self.radius_min_m <= self.assumed_radius_m <= self.radius_max_m
+        ):
+            raise ValueError("`assumed_radius_m` must lie between `radius_min_m` and `radius_max_m`")
+
+
+class StoppingConfig(Section, frozen=True, kw_only=True):
+    """How one joint stops from its greatest speed, by the maker's data (worst load and extension)."""
+
+    speed_rad_s: Annotated[float, _meta("speed from which it stops", "rad/s or m/s", gt=0.0, le=100.0)]
+    time_s: Annotated[float, _meta("stopping time from that speed", "s", gt=0.0, le=10.0)]
+    distance_rad: Annotated[float, _meta("stopping distance from that speed", "rad or m", gt=0.0, le=100.0)]
 
 
 class LimitsConfig(Section, frozen=True, kw_only=True):
@@ -216,6 +272,36 @@ class ProfileConfig(Section, frozen=True, kw_only=True):
 
     red: Annotated[ZoneConfig, _meta("the nearer zone")]
     yellow: Annotated[ZoneConfig, _meta("the farther zone; beyond it is green")]
+    range_estimator: Annotated[
+        Literal["nearest", "lower_bound"],
+        _meta(
+            "what the zone takes the readings for: the least reading, "
+            "or the least distance that any admissible obstacle could have (needs `assumptions`)"
+        ),
+    ] = "nearest"
+    uncovered: Annotated[
+        Literal["off", "yellow", "red", "stop"],
+        _meta(
+            "zone, at least, while a ball of `assumptions.radius_min_m` could be within the yellow distance "
+            "of a ring's link unseen and no other source looks; without `assumptions` nobody can tell"
+        ),
+    ] = "yellow"
+    disagree_margin_m: (
+        Annotated[
+            float,
+            _meta(
+                "by how much rings and tracked obstacles may contradict each other before "
+                "`disagree` is raised; left out: it never is",
+                "m",
+                ge=0.0,
+                le=100.0,
+            ),
+        ]
+        | None
+    ) = None
+    disagree_zone: Annotated[
+        Literal["yellow", "red", "stop"], _meta("zone, at least, while they differ by more")
+    ] = "red"
     recovery_ticks: Annotated[
         int, _meta("good ticks in a row before a zone becomes milder", "ticks", ge=1, le=100_000)
     ] = 25
@@ -256,6 +342,13 @@ class RobotFile(Section, frozen=True, kw_only=True):
     ] = {}
     joints: Annotated[JointsConfig, _meta("joints that do not move")] = JointsConfig()
     rings: Annotated[list[RingConfig], _meta("sensor rings, in the order of the readings in `Ranges`")] = []
+    assumptions: Annotated[
+        AssumptionsConfig | None,
+        _meta("what `sphere_fit` and `lower_bound` assume; left out: neither is computed"),
+    ] = None
+    stopping: Annotated[
+        dict[str, StoppingConfig], _meta("stopping data by joint, from the robot maker's manual")
+    ] = {}
     limits: Annotated[LimitsConfig, _meta("limits beside the URDF's")] = LimitsConfig()
     sources: Annotated[SourcesConfig, _meta("inputs")] = SourcesConfig()
     motion: Annotated[MotionConfig, _meta("from target to velocity")] = MotionConfig()
@@ -276,6 +369,13 @@ class RobotFile(Section, frozen=True, kw_only=True):
             raise ValueError("`rings` must have different names")
         if not self.rings and self.sources.ranges.required:
             raise ValueError("`sources.ranges.required` is true but the file has no `rings`")
+        if not self.rings and self.assumptions is not None:
+            raise ValueError("`assumptions` speak of the readings of `rings`, and the file has none")
+        for name, profile in self.profiles.items():
+            if profile.range_estimator == "lower_bound" and self.assumptions is None:
+                raise ValueError(
+                    f"`profiles.{name}.range_estimator` is 'lower_bound', which needs `assumptions`"
+                )
         if not self.rings and self.motion.controller == "field3d":
             raise ValueError("`motion.controller` is 'field3d', which needs `rings`")
         if not (self.sources.ranges.required or self.sources.obstacles.required):

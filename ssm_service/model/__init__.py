@@ -2,8 +2,16 @@
 
 from .distance import ClosestPair, DistanceModel
 from .kinematics import Kinematics
-from .rings import Ring
+from .rings import Ring, SensorArray
 from .robot import Robot
 from .shapes import Obstacle
 
-__all__ = ["ClosestPair", "DistanceModel", "Kinematics", "Obstacle", "Ring", "Robot"]
+__all__ = [
+    "ClosestPair",
+    "DistanceModel",
+    "Kinematics",
+    "Obstacle",
+    "Ring",
+    "Robot",
+    "SensorArray",
+]

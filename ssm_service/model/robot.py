@@ -15,7 +15,7 @@ from ..config import RobotConfig, load_robot_config
 from ..errors import ConfigError, InputError, listed
 from .description import joint_names, link_names, read_description, require
 from .kinematics import Kinematics
-from .rings import Ring
+from .rings import Ring, SensorArray
 
 _LARGEST_SPEED: Final = 1e6  # parsers write the greatest double where the URDF gives no limit
 
@@ -37,6 +37,7 @@ class Robot:
         ring_slices: For each ring, its part of the concatenated readings.
         sensor_count: Number of sensors of all rings.
         ring_of_sensor: Each sensor's ring, in the order of the readings.
+        sensor_arrays: The rings by the link that carries them, in the order of each link's first ring.
         monitored_links: The links whose distance is monitored.
         model: Pinocchio's model.
         collision: Pinocchio's collision geometry.
@@ -85,6 +86,7 @@ class Robot:
         self._links = {
             name: self.model.getFrameId(name, pin.FrameType.BODY) for name in link_names(self.model)
         }
+        self.sensor_arrays = self._sensor_arrays()
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Robot:
@@ -246,6 +248,39 @@ class Robot:
             allowed = f"at least one link with collision geometry, each once: {listed(with_geometry)}"
             raise ConfigError(self.config.path, "links", listed(links), allowed)
         return tuple(links)
+
+    def _sensor_arrays(self) -> tuple[SensorArray, ...]:
+        carried: dict[int, list[int]] = {}
+        for index, frame in enumerate(self._ring_frames):
+            carried.setdefault(self._link_of_frame(frame), []).append(index)
+        arrays = []
+        for link, members in carried.items():
+            T_link_joint = self.model.frames[link].placement.inverse()
+            placements = [self.model.frames[self._ring_frames[i]].placement for i in members]
+            arrays.append(
+                SensorArray.of_rings(
+                    self.model.frames[link].name,
+                    [self.rings[i] for i in members],
+                    [self.ring_slices[i] for i in members],
+                    [(T_link_joint * T_joint_parent).homogeneous for T_joint_parent in placements],
+                )
+            )
+        return tuple(arrays)
+
+    def _link_of_frame(self, frame: int) -> int:
+        """Return the frame of the link that carries a frame: itself, or the nearest link before it."""
+        while self.model.frames[frame].type != pin.FrameType.BODY and frame:
+            frame = self._child_link(frame) or self.model.frames[frame].parentFrame
+        return frame
+
+    def _child_link(self, frame: int) -> int | None:
+        """Return the link that a joint's frame begins; the two coincide."""
+        if self.model.frames[frame].type != pin.FrameType.JOINT:
+            return None
+        for index, other in enumerate(self.model.frames):
+            if other.type == pin.FrameType.BODY and other.parentFrame == frame:
+                return index
+        return None
 
     def _frame_id(self, key: str, name: str) -> int:
         frames = [frame.name for frame in self.model.frames]
