@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import InputError, listed
 from .exact import ExactTier, Measured
 from .hulls import Part, build_parts
 from .robot import Robot
@@ -79,19 +80,24 @@ class DistanceModel:
         self._ids = tuple([obstacle.id for obstacle in obstacles])
         self._scene.set_obstacles(obstacles)
 
-    def nearest(self, position: ArrayLike) -> ClosestPair | None:
-        """Return the nearest pair of all, exactly, or None where there is no obstacle.
+    def nearest(self, position: ArrayLike, link: str | None = None) -> ClosestPair | None:
+        """Return the nearest pair of all, or of one link, exactly; None where there is no obstacle.
 
         Args:
             position: (n,) [rad or m].
+            link: Only this monitored link counts, where given.
 
         Raises:
-            InputError: ``wrong_length`` or ``not_finite``.
+            InputError: ``wrong_length``, ``not_finite`` or ``unknown_link``.
         """
         q = self._robot.pinocchio_configuration(position)
+        others = None if link is None else self._pieces_beside(link)
         if not self._ids:
             return None
-        search = _Search(self._scene, self._scene.place(q))
+        bounds = self._scene.place(q)
+        if others is not None:
+            bounds[:, others] = math.inf
+        search = _Search(self._scene, bounds)
         first = search.nearest_hull()
         best = self._measure(first, search, math.inf)
         limit = best.distance if best else math.inf
@@ -149,6 +155,13 @@ class DistanceModel:
                 nearest = min([m for m in measured if m is not None], key=lambda m: m.distance)
                 pairs.append(self._closest_pair(nearest))
         return pairs
+
+    def _pieces_beside(self, link: str) -> NDArray[np.bool_]:
+        """Return which pieces are not those of ``link``, (n_pieces,)."""
+        if link not in self._robot.monitored_links:
+            allowed = f"a monitored link: {listed(self._robot.monitored_links)}"
+            raise InputError("unknown_link", "link", link, allowed)
+        return np.array([part.link != link for part in self._part_of_piece])
 
     def _pair_of(self, index: int) -> tuple[int, int]:
         """Return the first piece of the part, and the obstacle, that an index into the hulls speaks of."""

@@ -37,6 +37,7 @@ class Robot:
         ring_slices: For each ring, its part of the concatenated readings.
         sensor_count: Number of sensors of all rings.
         ring_of_sensor: Each sensor's ring, in the order of the readings.
+        link_of_sensor: The link that carries each sensor, in the order of the readings.
         sensor_arrays: The rings by the link that carries them, in the order of each link's first ring.
         monitored_links: The links whose distance is monitored.
         model: Pinocchio's model.
@@ -87,6 +88,9 @@ class Robot:
             name: self.model.getFrameId(name, pin.FrameType.BODY) for name in link_names(self.model)
         }
         self.sensor_arrays = self._sensor_arrays()
+        links = {int(i): array.link for array in self.sensor_arrays for i in array.indices}
+        self.link_of_sensor = tuple(links[i] for i in range(self.sensor_count))
+        self._check_names()
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> Robot:
@@ -248,6 +252,21 @@ class Robot:
             allowed = f"at least one link with collision geometry, each once: {listed(with_geometry)}"
             raise ConfigError(self.config.path, "links", listed(links), allowed)
         return tuple(links)
+
+    def _check_names(self) -> None:
+        """Refuse stopping data of joints, and assumptions of links, that do not exist."""
+        file = self.config.file
+        for name in file.stopping:
+            require(self.config, f"stopping.{name}", name, self.joint_names, "a joint of the robot")
+        links = None if file.assumptions is None else file.assumptions.links
+        carriers = [array.link for array in self.sensor_arrays]
+        for i, name in enumerate(links or ()):
+            require(self.config, f"assumptions.links[{i}]", name, carriers, "a link that carries a ring")
+        if file.assumptions is not None:
+            for name in links or carriers:
+                if name not in self.geometry_of_link:
+                    allowed = "links with collision geometry: without it there is no distance from them"
+                    raise ConfigError(self.config.path, "assumptions.links", name, allowed)
 
     def _sensor_arrays(self) -> tuple[SensorArray, ...]:
         carried: dict[int, list[int]] = {}

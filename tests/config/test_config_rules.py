@@ -129,3 +129,33 @@ def test_values_are_frozen():
     for part, key in ((file, "urdf"), (file.rings[0], "count"), (file.limits, "position_margin_rad")):
         with pytest.raises(AttributeError):
             setattr(part, key, getattr(part, key))
+
+
+ASSUMED = "\n[assumptions]\nreading_error_m = 0.02\n"
+
+
+@pytest.mark.parametrize(
+    ("added", "words"),
+    [
+        ("radius_min_m = 0.2", ["radius_min_m = 0.2", "radius_max_m = 0.15", "must not be above"]),
+        ("assumed_radius_m = 0.01", ["assumed_radius_m = 0.01", "radius_min_m = 0.05", "between"]),
+        ("assumed_radius_m = 0.16", ["assumed_radius_m = 0.16", "radius_max_m = 0.15", "between"]),
+    ],
+)
+def test_rules_of_the_assumptions(added, words, changed, refused):
+    error = refused(changed(("\n[profiles.near]", f"{ASSUMED}{added}\n[profiles.near]")))
+    assert error.key == "assumptions"
+    for word in words:
+        assert word in str(error)
+
+
+def test_the_lower_bound_needs_assumptions_and_assumptions_need_rings(changed, refused, load):
+    bound = ("[profiles.near]", '[profiles.near]\nrange_estimator = "lower_bound"')
+    assert "needs `assumptions`" in str(refused(changed(bound)))
+    assumed = ("[profiles.near]", f"{ASSUMED}\n[profiles.near]")
+    both = changed((assumed[0], f'{ASSUMED}\n[profiles.near]\nrange_estimator = "lower_bound"'))
+    assert load(both).profiles["near"].range_estimator == "lower_bound"
+    text = without_rings(changed((RADIUS, f"{RADIUS}\n{RANGES_OFF}{OBSTACLES_ON}{ASSUMED}")))
+    assert "[assumptions]" not in text
+    error = refused(f"{text}{RANGES_OFF}{OBSTACLES_ON}{ASSUMED}")
+    assert "the file has none" in str(error)

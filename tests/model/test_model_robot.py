@@ -161,6 +161,57 @@ period_s = 0.1
             assert np.linalg.det(T_base_sensor[:3, :3]) == pytest.approx(1.0)
 
 
+RING = """
+[[rings]]
+name = "{name}"
+parent_frame = "{frame}"
+origin_m = [0.0, 0.0, {z}]
+count = 4
+radius_m = 0.05
+tilt_deg = {tilt}
+field_of_view_deg = 30.0
+range_max_m = {range}
+period_s = 0.1
+"""
+
+
+def test_tilt_raises_the_sensing_directions_towards_the_axis(tmp_path):
+    robot = Robot.load(
+        write_robot(tmp_path, rest=RING.format(name="a", frame="forearm_link", z=0.1, tilt=35.0, range=1.0))
+    )
+    for i, T_ring_sensor in enumerate(robot.rings[0].transform_sensors_to_ring):
+        bearing, tilt = i * np.pi / 2, np.radians(35.0)
+        radial = np.array([np.cos(bearing), np.sin(bearing), 0.0])
+        assert T_ring_sensor[:3, 3] == pytest.approx(0.05 * radial)
+        assert T_ring_sensor[:3, 0] == pytest.approx(np.cos(tilt) * radial + [0.0, 0.0, np.sin(tilt)])
+        assert T_ring_sensor[:3, :3] @ T_ring_sensor[:3, :3].T == pytest.approx(np.eye(3))
+        assert np.linalg.det(T_ring_sensor[:3, :3]) == pytest.approx(1.0)
+
+
+def test_rings_are_gathered_by_the_link_that_carries_them(tmp_path):
+    """Rings on one link need not follow each other, nor hang on the link's own frame."""
+    places = [("forearm_link", 0.1), ("upper_arm_link", 0.1), ("elbow_joint", 0.2), ("tool0", 0.0)]
+    text = "".join(
+        RING.format(name=str(i), frame=frame, z=z, tilt=10.0 * i, range=1.0 + i)
+        for i, (frame, z) in enumerate(places)
+    )
+    robot = Robot.load(write_robot(tmp_path, rest=text))
+    forearm, upper, tool = robot.sensor_arrays
+    assert [array.link for array in robot.sensor_arrays] == ["forearm_link", "upper_arm_link", "tool0"]
+    assert forearm.indices.tolist() == [0, 1, 2, 3, 8, 9, 10, 11]
+    assert upper.indices.tolist() == [4, 5, 6, 7]
+    assert forearm.ranges_max.tolist() == [1.0] * 4 + [3.0] * 4
+    assert robot.link_of_sensor[8:] == ("forearm_link",) * 4 + ("tool0",) * 4
+    rng = np.random.default_rng(21)
+    for position in random_positions(robot, rng, 5):
+        links, kinematics = robot.link_transforms(position), robot.kinematics(position)
+        for array in (forearm, upper, tool):
+            T_base_sensors = links[array.link] @ array.transforms_sensor_to_link
+            assert T_base_sensors == pytest.approx(
+                kinematics.transform_sensors_to_base[array.indices], abs=1e-12
+            )
+
+
 def test_reduced_jacobian_is_that_of_the_reduced_model(robot):
     rng = np.random.default_rng(4)
     for position in random_positions(robot, rng, 20):
