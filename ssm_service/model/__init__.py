@@ -2,6 +2,8 @@
 
 from .distance import ClosestPair, DistanceModel
 from .kinematics import Kinematics
+from .link_distance import LinkDistance
+from .person import person
 from .rings import Ring, SensorArray
 from .robot import Robot
 from .shapes import Obstacle
@@ -10,8 +12,10 @@ __all__ = [
     "ClosestPair",
     "DistanceModel",
     "Kinematics",
+    "LinkDistance",
     "Obstacle",
     "Ring",
     "Robot",
     "SensorArray",
+    "person",
 ]
