@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model import Kinematics, Obstacle, Robot
+from ..model import Obstacle, Robot
 from ..perception import SimulatedSensorModel, scan
+from ..perception.own_links import OwnLinks
 from .schedule import Periodic
 
 
@@ -21,6 +22,9 @@ class RangeSensors:
     begins ``i/r`` of its period late, so that rings with equal periods take turns. Errors come from the
     robot file (``rings[].simulated``); a scan is handed over ``latency_s`` after it was measured, in the
     state of the world in which it was measured.
+
+    A range sensor cannot tell the arm from anything else: each reads the nearer of the obstacles and the
+    arm's own links (``perception.OwnLinks``).
 
     One message holds all rings, so whenever a scan of any ring is handed over there is a message, with the
     newest scan of each. A reading of another ring in it is up to that ring's period older. The
@@ -33,6 +37,7 @@ class RangeSensors:
 
     def __init__(self, robot: Robot, *, seed: int = 0) -> None:
         self._robot = robot
+        self._own_links = OwnLinks(robot) if robot.sensor_count else None
         self._rings = [
             _RingClock(robot, index, np.random.default_rng([seed, index]))
             for index in range(len(robot.rings))
@@ -41,13 +46,16 @@ class RangeSensors:
         self._missing = set(range(len(robot.rings)))
 
     def step(
-        self, time_s: float, kinematics: Callable[[], Kinematics], obstacles: Callable[[], Sequence[Obstacle]]
+        self,
+        time_s: float,
+        position: Callable[[], NDArray[np.float64]],
+        obstacles: Callable[[], Sequence[Obstacle]],
     ) -> NDArray[np.float64] | None:
         """Measure what is due and return the message that is due.
 
         Args:
             time_s: Time since the start [s], rising from call to call.
-            kinematics: Gives the robot's frames now; called only when a ring measures.
+            position: Gives the joint positions now, (n,) [rad or m]; called only when a ring measures.
             obstacles: Gives the obstacles now; likewise.
 
         Returns:
@@ -55,8 +63,10 @@ class RangeSensors:
         """
         fresh = False
         for index, ring in enumerate(self._rings):
-            if ring.clock.due(time_s):
-                ring.measure(time_s, kinematics(), obstacles())
+            if ring.clock.due(time_s) and self._own_links is not None:
+                joints = position()
+                transforms = self._robot.kinematics(joints).transform_sensors_to_base
+                ring.measure(time_s, transforms, obstacles(), self._own_links.readings(joints))
             ranges = ring.take(time_s)
             if ranges is not None:
                 self._latest[self._robot.ring_slices[index]] = ranges
@@ -76,16 +86,23 @@ class _RingClock:
         self._under_way: deque[tuple[float, NDArray[np.float64]]] = deque()
         self.clock = Periodic(self._ring.period, phase_s=self._ring.period * index / len(robot.rings))
 
-    def measure(self, time_s: float, kinematics: Kinematics, obstacles: Sequence[Obstacle]) -> None:
+    def measure(
+        self,
+        time_s: float,
+        transform_sensors_to_base: NDArray[np.float64],
+        obstacles: Sequence[Obstacle],
+        own: NDArray[np.float64],
+    ) -> None:
+        """Take one scan, given all sensors' poses (m, 4, 4) and what they read of the arm, (m,)."""
         ring = self._ring
         ideal = scan(
             obstacles,
-            kinematics.transform_sensors_to_base[self._slice],
+            transform_sensors_to_base[self._slice],
             ring.half_angle,
             ring.range_max,
             ring.range_min,
         )
-        ranges = self._errors.apply(ideal, self._generator)
+        ranges = self._errors.apply(np.minimum(ideal, own[self._slice]), self._generator)
         self._under_way.append((time_s + ring.simulated.latency_s, ranges))
 
     def take(self, time_s: float) -> NDArray[np.float64] | None:

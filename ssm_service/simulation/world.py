@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model import Kinematics, Obstacle, Robot
+from ..model import Obstacle, Robot
 from ..monitor import JointSample, Target
 from .plant import DEFAULT_TIME_CONSTANT_S, Plant
 from .scenario import Scenario
@@ -90,13 +90,13 @@ class World:
         tracked = self._obstacles.due(now) and self._track_obstacles
         return Emitted(
             joints=joints,
-            ranges=self._sensors.step(now, self._kinematics, self._seen),
+            ranges=self._sensors.step(now, self._position, self._seen),
             obstacles=self.obstacles() if tracked else None,
             target=self.scenario.target_at(now, self.plant.position) if self._target.due(now) else None,
         )
 
-    def _kinematics(self) -> Kinematics:
-        return self.robot.kinematics(self.plant.position)
+    def _position(self) -> NDArray[np.float64]:
+        return self.plant.position
 
     def _seen(self) -> Sequence[Obstacle]:
         return self.obstacles()

@@ -125,3 +125,72 @@ def raycast_reading(obstacle, pose, half_angle, *, polar=60, around=180, levels=
         if found.fun < best:
             best, centre = float(found.fun), tuple(found.x)
     return best
+
+
+def mesh_ray_distances(corners, origin, directions, chunk=100_000):
+    """Distance along each unit direction (m, 3) from origin to the nearest of the triangles (t, 3, 3)."""
+    found = np.full(len(directions), math.inf)
+    step = max(1, chunk // max(1, len(directions)))
+    for first in range(0, len(corners), step):
+        a, b, c = np.swapaxes(corners[first : first + step] - origin, 0, 1)
+        # Cramer's rule on t·d = a + v·(b − a) + w·(c − a).
+        e, f = b - a, c - a
+        n = np.cross(e, f)
+        below = directions @ n.T
+        m = np.cross(a, directions[:, None, :])  # (m, t, 3)
+        with np.errstate(all="ignore"):
+            t = np.sum(n * a, axis=1) / below
+            v = np.sum(m * f, axis=2) / below
+            w = -np.sum(m * e, axis=2) / below
+            t = np.where((v >= -1e-9) & (w >= -1e-9) & (v + w <= 1.0 + 1e-9) & (t >= 0.0), t, math.inf)
+        found = np.minimum(found, t.min(axis=1, initial=math.inf))
+    return found
+
+
+def _in_reach(corners, origin, direction, angle):
+    """Whether a ball round each triangle reaches into the cone round a direction (true rather than false)."""
+    middle = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+    away = np.linalg.norm(middle - origin, axis=1)
+    with np.errstate(all="ignore"):
+        off = np.arccos(np.clip((middle - origin) @ direction / away, -1.0, 1.0))
+        spread = np.where(away > radius, np.arcsin(np.minimum(radius / away, 1.0)), math.pi)
+    return off <= angle + spread + 1e-9
+
+
+def raycast_mesh(corners, pose, half_angle, *, polar=17, around=48, starts=4, levels=14):
+    """The least distance to a mesh in the cone, convex or not: several refinements, the best counts."""
+    origin = pose[:3, 3]
+    corners = corners[_in_reach(corners, origin, pose[:3, 0], half_angle)]
+    psi, azimuth, directions = _cone_directions(
+        pose, np.linspace(0.0, half_angle, polar), np.linspace(-math.pi, math.pi, around, endpoint=False)
+    )
+    distances = mesh_ray_distances(corners, origin, directions)
+    best = float(distances.min())
+    left = np.isfinite(distances)
+    for _ in range(starts):
+        if not left.any():
+            break
+        index = int(np.argmin(np.where(left, distances, math.inf)))
+        left &= directions @ directions[index] < math.cos(0.15 * half_angle)
+        best = min(
+            best, _refined(corners, pose, half_angle, (psi[index], azimuth[index]), polar, around, levels)
+        )
+    return best
+
+
+def _refined(corners, pose, half_angle, centre, polar, around, levels):
+    origin, reach = pose[:3, 3], math.inf
+    width = np.array([half_angle / (polar - 1), 2 * math.pi / around])
+    for _ in range(levels):
+        _, _, (aim,) = _cone_directions(pose, np.array(centre[:1]), np.array(centre[1:]))
+        near = corners = corners[_in_reach(corners, origin, aim, 4.0 * float(width[0] + width[1]))]
+        psi = np.clip(centre[0] + np.linspace(-2 * width[0], 2 * width[0], 13), 0.0, half_angle)
+        azimuth = centre[1] + np.linspace(-2 * width[1], 2 * width[1], 13)
+        p, a, directions = _cone_directions(pose, psi, azimuth)
+        distances = mesh_ray_distances(near, origin, directions)
+        index = int(np.argmin(distances))
+        if distances[index] < reach:
+            reach, centre = float(distances[index]), (p[index], a[index])
+        width = width / 1.8
+    return reach

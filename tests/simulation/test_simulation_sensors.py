@@ -54,7 +54,7 @@ def run(
     sensors = RangeSensors(robot, seed=seed)
     messages = []
     for step in range(round(seconds / dt)):
-        ranges = sensors.step(step * dt, lambda: robot.kinematics(POSITION), lambda: obstacles)
+        ranges = sensors.step(step * dt, lambda: POSITION, lambda: obstacles)
         if ranges is not None:
             messages.append((step * dt, ranges))
     return messages
@@ -107,7 +107,7 @@ def test_latency_delays_the_message_not_the_measurement() -> None:
     for step in range(500):
         now = step * 0.002
         seen = [ball] if now < 0.16 else []  # there for the first scan, gone for all others
-        ranges = sensors.step(now, lambda: robot.kinematics(POSITION), lambda seen=seen: seen)
+        ranges = sensors.step(now, lambda: POSITION, lambda seen=seen: seen)
         if ranges is not None:
             messages.append((now, ranges))
     assert [time_s for time_s, _ in messages] == pytest.approx([0.25, 0.41, 0.57, 0.73, 0.89], abs=0.0021)

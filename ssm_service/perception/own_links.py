@@ -1,0 +1,263 @@
+"""Self-occlusion: what the sensors see of the arm that carries them, and which echoes that explains."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..model import Robot
+from .compiled import compiled
+from .cone_kernels import ball_in_cone, capsule_in_cone, triangle_in_cone
+from .own_surface import OwnSurface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OwnEchoes:
+    """What the arm's own links explain of one scan; all arrays are (m,), in the order of the readings.
+
+    Attributes:
+        expected: What each sensor would read of the arm alone [m], ``inf`` for no echo.
+        own: Whether the reading is an echo at the place of an own link. It says that nothing is nearer in
+            that cone, and nothing of what is behind.
+        missing: Whether an own link should have been seen and the sensor is silent or reads clearly farther:
+            sensor, joint positions or model are wrong, and the reading must not be taken as clear.
+        clear: How far each sensor can see at all [m]: ``expected``, else its greatest range.
+    """
+
+    expected: NDArray[np.float64]
+    own: NDArray[np.bool_]
+    missing: NDArray[np.bool_]
+    clear: NDArray[np.float64]
+
+
+class OwnLinks:
+    """The readings of the arm's own links: all with collision geometry, monitored or not.
+
+    A reading is exact for the collision geometry itself: closed forms for the triangles of meshes and
+    boxes, a line search for capsules; a cylinder counts as a prism round it (too wide by 7.5e-5 of its
+    radius). It is never above the truth by more than rounding. Two rules:
+
+    - Whatever is rigidly joined to the sensor (the link that carries it, and links fixed to that one) shows
+      only surfaces whose outer side faces the sensor. A face set a hair below its link's surface sees out
+      of it; a bulge of the link that reaches into a tilted or wide cone is seen. That part never changes,
+      and is worked out once.
+    - Of links that move, both sides of the surface count. A sensor *inside* another link (an arm in collision
+      with itself) reads the way out.
+
+    Not for use by several threads at once: working memory is kept between calls.
+
+    Args:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._data = robot.model.createData()
+        self._surface = surface = OwnSurface.of_robot(robot)
+        arrays = robot.sensor_arrays
+        count = robot.sensor_count
+        self._bodies = np.zeros(count, dtype=np.intp)
+        self._T_body_sensors = np.tile(np.eye(4), (count, 1, 1))
+        self._half_angles, self._range_min, self._range_max = np.ones(count), np.zeros(count), np.zeros(count)
+        for array in arrays:
+            frame = robot.model.frames[robot.model.getFrameId(array.link, pin.FrameType.BODY)]
+            self._bodies[array.indices] = frame.parentJoint
+            T_body_link = frame.placement.homogeneous
+            self._T_body_sensors[array.indices] = T_body_link @ array.transforms_sensor_to_link
+            self._half_angles[array.indices] = array.half_angles
+            self._range_min[array.indices] = array.ranges_min
+            self._range_max[array.indices] = array.ranges_max
+        self._used = sorted({*self._bodies.tolist(), *surface.bodies.tolist()})
+        self._T_base_bodies = np.tile(np.eye(4), (robot.model.njoints, 1, 1))
+        nowhere = np.full(count, math.inf)
+        self._fixed = self._read(self._T_base_bodies, nowhere, rigid=True)
+
+    def readings(self, position: ArrayLike) -> NDArray[np.float64]:
+        """Return what each sensor reads of the arm alone, (m,) [m], ``inf`` for no echo.
+
+        Clamped as a device's readings are: no echo beyond the greatest range, and from nearer than the least
+        range that one.
+
+        Args:
+            position: (n,) [rad or m].
+
+        Raises:
+            InputError: ``wrong_length`` or ``not_finite``.
+        """
+        return self._clamped(self.distances(position))
+
+    def distances(self, position: ArrayLike) -> NDArray[np.float64]:
+        """Return the same without regard to the ranges of the device, (m,) [m]."""
+        q = self._robot.pinocchio_configuration(position)
+        pin.forwardKinematics(self._robot.model, self._data, q)
+        for body in self._used:
+            self._T_base_bodies[body] = self._data.oMi[body].homogeneous
+        return self._read(self._T_base_bodies, self._fixed, rigid=False)
+
+    def detect(self, position: ArrayLike, ranges: ArrayLike, tolerance: ArrayLike) -> OwnEchoes:
+        """Return which readings the arm's own links explain.
+
+        An echo within ``tolerance`` of the own link's distance is own; one clearly nearer is an obstacle's;
+        an own link that was to be seen and was not is ``missing``. Where the own link may lie beyond the
+        device's range (by no more than ``tolerance``), silence is right as well.
+
+        Args:
+            position: (n,) joint positions at which the sensors measured [rad or m].
+            ranges: (m,) readings [m], ``inf`` for no echo.
+            tolerance: Greatest error of reading and prediction together, one or (m,) [m].
+
+        Raises:
+            InputError: ``wrong_length``, ``not_finite`` or ``out_of_range``.
+        """
+        readings, error = self._checked(ranges, tolerance)
+        distances = self.distances(position)
+        nearest = np.maximum(distances, self._range_min)
+        farthest = nearest + error
+        beyond = readings > farthest
+        own = (readings >= nearest - error) & ~beyond & (readings < math.inf)
+        missing = beyond & (farthest <= self._range_max)
+        expected = self._clamped(distances)
+        return OwnEchoes(
+            expected=expected, own=own, missing=missing, clear=np.minimum(expected, self._range_max)
+        )
+
+    def _clamped(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
+        seen = np.maximum(distances, self._range_min)
+        seen[distances > self._range_max] = math.inf
+        return seen
+
+    def _read(
+        self, T_base_bodies: NDArray[np.float64], start: NDArray[np.float64], *, rigid: bool
+    ) -> NDArray[np.float64]:
+        surface = self._surface
+        out = start.copy()
+        _read_all(
+            T_base_bodies, self._bodies, self._T_body_sensors, self._half_angles, surface.bodies,
+            surface.roots, surface.capsules, surface.balls, surface.nodes, surface.corners, rigid, out,
+        )  # fmt: skip
+        return out
+
+    def _checked(
+        self, ranges: ArrayLike, tolerance: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        readings = np.asarray(ranges, dtype=np.float64)
+        error = np.asarray(tolerance, dtype=np.float64)
+        if readings.shape != self._fixed.shape:
+            raise InputError("wrong_length", "ranges", readings.shape, f"{len(self._fixed)} readings")
+        if np.isnan(readings).any():
+            raise InputError("not_finite", "ranges", readings.tolist(), "numbers, or inf for no echo")
+        if error.shape not in ((), readings.shape):
+            raise InputError("wrong_length", "tolerance", error.shape, "one for all or one for each sensor")
+        if not ((error >= 0.0) & (error < math.inf)).all():
+            raise InputError("out_of_range", "tolerance", error.tolist(), "0 or more, finite [m]")
+        return readings, error
+
+
+@compiled
+def _read_all(
+    T_base_bodies: NDArray[np.float64],
+    sensor_bodies: NDArray[np.intp],
+    T_body_sensors: NDArray[np.float64],
+    half_angles: NDArray[np.float64],
+    bodies: NDArray[np.intp],
+    roots: NDArray[np.intp],
+    capsules: NDArray[np.float64],
+    balls: NDArray[np.float64],
+    nodes: NDArray[np.intp],
+    corners: NDArray[np.float64],
+    rigid: bool,
+    out: NDArray[np.float64],
+) -> None:
+    """Lower ``out`` (m,) to the readings of what is (``rigid``) or is not rigidly joined to the sensor."""
+    stack = np.empty(128, dtype=np.intp)
+    for sensor in range(len(out)):
+        cos, sin = math.cos(half_angles[sensor]), math.sin(half_angles[sensor])
+        T, local = T_base_bodies[sensor_bodies[sensor]], T_body_sensors[sensor]
+        apex, look = np.empty(3), np.empty(3)
+        for i in range(3):
+            look[i] = T[i, 0] * local[0, 0] + T[i, 1] * local[1, 0] + T[i, 2] * local[2, 0]
+            apex[i] = T[i, 0] * local[0, 3] + T[i, 1] * local[1, 3] + T[i, 2] * local[2, 3] + T[i, 3]
+        for body in range(len(bodies)):
+            if (bodies[body] == sensor_bodies[sensor]) != rigid:
+                continue
+            T = T_base_bodies[bodies[body]]
+            a, u = np.empty(3), np.empty(3)  # apex and sensing direction in the body's frame
+            for i in range(3):
+                a[i] = u[i] = 0.0
+                for j in range(3):
+                    a[i] += T[j, i] * (apex[j] - T[j, 3])
+                    u[i] += T[j, i] * look[j]
+            if roots[body] < 0:
+                out[sensor] = min(out[sensor], _capsule(capsules[body], a, u, cos, sin, rigid))
+            else:
+                out[sensor] = _tree(
+                    roots[body], balls, nodes, corners, stack, a, u, cos, sin, out[sensor], rigid
+                )
+
+
+@compiled
+def _capsule(
+    capsule: NDArray[np.float64],
+    a: NDArray[np.float64],
+    u: NDArray[np.float64],
+    cos: float,
+    sin: float,
+    front: bool,
+) -> float:
+    px, py, pz = capsule[0] - a[0], capsule[1] - a[1], capsule[2] - a[2]
+    qx, qy, qz = capsule[3] - a[0], capsule[4] - a[1], capsule[5] - a[2]
+    reading = capsule_in_cone(px, py, pz, qx, qy, qz, capsule[6], u[0], u[1], u[2], cos, sin)
+    return math.inf if front and reading == 0.0 else reading
+
+
+@compiled
+def _node(
+    ball: NDArray[np.float64], a: NDArray[np.float64], u: NDArray[np.float64], cos: float, sin: float
+) -> float:
+    """Return the reading of a node's ball: nothing in the node reads less."""
+    x, y, z = ball[0] - a[0], ball[1] - a[1], ball[2] - a[2]
+    along = x * u[0] + y * u[1] + z * u[2]
+    off = math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+    return ball_in_cone(along, off, ball[3], cos, sin)
+
+
+@compiled
+def _tree(
+    root: int,
+    balls: NDArray[np.float64],
+    nodes: NDArray[np.intp],
+    corners: NDArray[np.float64],
+    stack: NDArray[np.intp],
+    a: NDArray[np.float64],
+    u: NDArray[np.float64],
+    cos: float,
+    sin: float,
+    best: float,
+    front: bool,
+) -> float:
+    """Return the least reading of a tree's triangles, or ``best`` if that is less."""
+    stack[0], height = root, 1
+    while height > 0:
+        height -= 1
+        node = stack[height]
+        if not _node(balls[node], a, u, cos, sin) < best:
+            continue
+        left, right = nodes[node, 0], nodes[node, 1]
+        if left < 0:
+            for i in range(-1 - left, right):
+                c = corners[i]
+                best = triangle_in_cone(
+                    c[0] - a[0], c[1] - a[1], c[2] - a[2], c[3] - a[0], c[4] - a[1], c[5] - a[2],
+                    c[6] - a[0], c[7] - a[1], c[8] - a[2], u[0], u[1], u[2], cos, sin, best, front,
+                )  # fmt: skip
+            continue
+        if _node(balls[left], a, u, cos, sin) < _node(balls[right], a, u, cos, sin):
+            left, right = right, left  # the nearer one is taken up first
+        stack[height], stack[height + 1] = left, right
+        height += 2
+    return best
