@@ -6,6 +6,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import signal
 import threading
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -51,7 +52,7 @@ class Store:
     def load(self, index: int) -> Arrays | None:
         """Return a piece, or None where it is not there or cannot be read."""
         try:
-            with np.load(self._path(index), allow_pickle=False) as kept:
+            with self._path(index).open("rb") as file, np.load(file, allow_pickle=False) as kept:
                 return {name: kept[name] for name in kept.files}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile):
             return None
@@ -163,7 +164,7 @@ def local(workers: int) -> Iterator[Executor]:
         yield Here()
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as executor:
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_obey_parent) as executor:
         yield executor
 
 
@@ -180,8 +181,14 @@ def dask(address: str) -> Iterator[tuple[Executor, int]]:
         yield client.get_executor(pure=False), max(1, threads)
 
 
+def _obey_parent() -> None:
+    """Leave Ctrl-C to the parent, and end with it: a process that waits for work would outlive a kill."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
 def _end_with_parent() -> None:
-    """Watch the parent: a pool's process that waits for work would outlive a parent that was killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+        parent.join()
+        os._exit(1)

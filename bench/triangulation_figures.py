@@ -140,15 +140,17 @@ def _zones(path: Path, rows: list[Row], estimators: Sequence[str]) -> None:
     for (i, shape), (j, name) in itertools.product(enumerate(shapes), enumerate(estimators)):
         row = chosen[shape, name]
         _matrix(every[i, j], np.array(row["zones"]), f"{shape}, {name}", row["unsafe"])
-    shown.suptitle("Rows: Coal's zone; columns: the estimate's (silence is green); % of the row", fontsize=9)
+    title = "Rows: Coal's zone; columns: the estimate's (silence is green); % of the row; red is unsafe"
+    shown.suptitle(title, fontsize=9)
     shown.savefig(path, dpi=150)
 
 
 def _matrix(axes: Any, counts: Any, title: str, unsafe: float | None) -> None:
     shares = 100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=100.0)
+    unsafe_side = np.triu(np.ones_like(shares), 1) > 0.0
+    axes.imshow(np.where(unsafe_side, -shares, shares), cmap="RdBu", vmin=-120.0, vmax=120.0)
     for i, j in itertools.product(range(len(ZONES)), repeat=2):
-        colour = "C3" if j > i else "white" if shares[i, j] > 60.0 else "black"
+        colour = "white" if shares[i, j] > 75.0 else "black"
         axes.text(j, i, f"{shares[i, j]:.1f}", ha="center", va="center", fontsize=8, color=colour)
     axes.set_xticks(range(len(ZONES)), ZONES, fontsize=7)
     axes.set_yticks(range(len(ZONES)), ZONES, fontsize=7)
