@@ -92,20 +92,22 @@ class ArrayScan:
             InputError: As above.
             SsmError: A cylinder's reading was not solved (see ``cone_program.least_distance``).
         """
-        rotation, origin = transform_link_to_base[:3, :3], transform_link_to_base[:3, 3]
+        T = transform_link_to_base
         least = np.full(len(self._apexes), math.inf)
+        rounds = [obstacle for obstacle in obstacles if obstacle.shape in ("sphere", "capsule")]
+        if rounds:
+            at = (np.array([obstacle.position for obstacle in rounds]) - T[:3, 3]) @ T[:3, :3]
+            half = [0.5 * obstacle.size[1] if obstacle.shape == "capsule" else 0.0 for obstacle in rounds]
+            reach = np.array(half)[:, None] * (np.array([obstacle.axis for obstacle in rounds]) @ T[:3, :3])
+            radii = [obstacle.size[0] for obstacle in rounds]
+            least = self.capsules(at - reach, at + reach, radii).min(axis=0)
         for obstacle in obstacles:
-            if obstacle.shape == "cylinder":
-                found = self._cylinder(obstacle, transform_link_to_base)
-            elif obstacle.shape == "box":
-                at = (np.array(obstacle.position) - origin) @ rotation
-                found = self.boxes(at[None], (rotation.T @ obstacle.rotation())[None], obstacle.size)[0]
-            else:
-                at = (np.array(obstacle.position) - origin) @ rotation
-                half = 0.5 * obstacle.size[1] if obstacle.shape == "capsule" else 0.0
-                along = half * (np.array(obstacle.axis) @ rotation)
-                found = self.capsules((at - along)[None], (at + along)[None], obstacle.size[0])[0]
-            least = np.minimum(least, found)
+            if obstacle.shape == "box":
+                at = (np.array(obstacle.position) - T[:3, 3]) @ T[:3, :3]
+                turn = T[:3, :3].T @ obstacle.rotation()
+                least = np.minimum(least, self.boxes(at[None], turn[None], obstacle.size)[0])
+            elif obstacle.shape == "cylinder":
+                least = np.minimum(least, self._cylinder(obstacle, T))
         return least
 
     def _cylinder(
