@@ -80,16 +80,17 @@ class LinkGeometry:
         near, best = np.empty_like(points), np.full(len(points), np.inf)
         for mesh in self._meshes:
             samples = _samples(mesh, covering)
-            distances, index = cKDTree(samples, leafsize=_LEAF).query(points, workers=-1)
+            found: Any = cKDTree(samples, leafsize=_LEAF).query(points, workers=-1)
+            distances, index = found
             squared = distances * distances - covering * covering
             better = squared < best
             near[better], best[better] = samples[index[better]], squared[better]
         for shape, T_link_shape in self._primitives:
             inside = _nearest_in_primitive(shape, (points - T_link_shape[:3, 3]) @ T_link_shape[:3, :3])
-            found = inside @ T_link_shape[:3, :3].T + T_link_shape[:3, 3]
-            squared = np.einsum("ij,ij->i", found - points, found - points)
+            placed = inside @ T_link_shape[:3, :3].T + T_link_shape[:3, 3]
+            squared = np.einsum("ij,ij->i", placed - points, placed - points)
             better = squared < best
-            near[better], best[better] = found[better], squared[better]
+            near[better], best[better] = placed[better], squared[better]
         return near, np.maximum(best, 0.0)
 
 

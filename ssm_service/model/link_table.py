@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile a function at its first call, with a cache on disk where one can be kept."""
     try:
-        return numba.njit(cache=True)(function)
+        return numba.njit(cache=True, error_model="numpy")(function)
     except (RuntimeError, OSError):  # no place to write to: compiled in every process
-        return numba.njit(function)
+        return numba.njit(error_model="numpy")(function)
 
 
 @compiled
-def squared_minus(levels: Any, values: Any, box: Any, x: float, y: float, z: float) -> float:
+def squared_minus(levels: Any, values: Any, box: Any, x: float, y: float, z: float) -> Any:
     """Return a lower bound of D² − |c|² [m²] at c = (x, y, z).
 
     Args:
@@ -61,6 +61,47 @@ def squared_minus(levels: Any, values: Any, box: Any, x: float, y: float, z: flo
     dy = max(box[1] - y, 0.0, y - box[4])
     dz = max(box[2] - z, 0.0, z - box[5])
     return dx * dx + dy * dy + dz * dz - (x * x + y * y + z * z)
+
+
+@compiled
+def upper(levels: Any, values: Any, box: Any, points: Any, x: float, y: float, z: float) -> Any:
+    """Return an upper bound of D [m], for points outside the link that a ball of 9 mm can get to.
+
+    Args:
+        levels: As for ``squared_minus``, like ``values`` and ``box``.
+        values: See levels.
+        box: See levels.
+        points: (m, 3) a point of the link near each node of the first levels.
+        x: [m], link frame, like y and z.
+        y: See x.
+        z: See x.
+    """
+    low = math.sqrt(max(0.0, squared_minus(levels, values, box, x, y, z) + (x * x + y * y + z * z)))
+    for n in range(levels.shape[0]):
+        h = levels[n, 3]
+        u, v, w = (x - levels[n, 0]) / h, (y - levels[n, 1]) / h, (z - levels[n, 2]) / h
+        if (
+            u >= 0.0
+            and v >= 0.0
+            and w >= 0.0
+            and u < levels[n, 4] - 1.0
+            and v < levels[n, 5] - 1.0
+            and w < levels[n, 6] - 1.0
+        ):
+            down = int(levels[n, 6])
+            across = int(levels[n, 5]) * down
+            first = int(levels[n, 7]) + int(u) * across + int(v) * down + int(w)
+            if first + across + down + 1 >= len(points):
+                return low + 3.5 * h  # see LinkDistance.tolerance
+            best = math.inf
+            for corner in range(8):
+                a = first + (corner & 1) + down * ((corner >> 1) & 1) + across * (corner >> 2)
+                dx, dy, dz = x - points[a, 0], y - points[a, 1], z - points[a, 2]
+                best = min(best, dx * dx + dy * dy + dz * dz)
+            near = math.sqrt(best) + 1e-6
+            # With a node inside the link at a corner, a point outside is nearer than the cell's diagonal.
+            return max(near, 1.74 * h) if low < 1.74 * h else near
+    return low + math.sqrt((box[3] - box[0]) ** 2 + (box[4] - box[1]) ** 2 + (box[5] - box[2]) ** 2)
 
 
 @compiled

@@ -1,0 +1,109 @@
+"""Branch and bound for ``lower_bound``: compiled, so import this module lazily."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..model.link_table import compiled
+from .bound_box import box_bound, scratch
+
+SMALLEST = 5e-5  # [m]; half diagonal of boxes that are not cut further
+MOST = 400_000  # boxes; then the bound reached so far is returned
+
+
+@compiled
+def search(task: Any, root: Any, tolerance: float, most: int, found: Any) -> Any:
+    """Return a lower bound of the gap of all admissible balls [m], at most ``tolerance`` or so below it.
+
+    Boxes of centres are cut in half in the order of their bounds. The least of the bounds of the boxes still
+    open is a bound of all; the search ends when it is near enough to the best ball found, or its box is tiny.
+
+    Args:
+        task: Distance table (levels, values, box, near points), sensors (k, 8), lows (k,) [m]: the sectors of
+            these lengths must not be met; 0 or less: none; highs (k,) [m]: those of these must be met; inf:
+            none; least and greatest radius [m].
+        root: (6,) centre and half edges of a box that holds the centres in question [m].
+        tolerance: [m].
+        most: Boxes to look at, at most.
+        found: (5,) gap, centre and radius of a ball found; the gap inf on entry.
+
+    Returns:
+        The bound, inf where no ball is admissible, and the number of boxes looked at.
+    """
+    work = scratch()
+    size = 1024
+    boxes, keys, heap = np.empty((size, 6)), np.empty(size), np.empty(size, np.int64)
+    boxes[0] = root
+    keys[0] = box_bound(task, root, math.inf, work, found)
+    if keys[0] == math.inf:
+        return math.inf, 1
+    heap[0] = 0
+    open_, used = 1, 1
+    while open_ > 0:
+        top = heap[0]
+        bound = keys[top]
+        m = boxes[top]
+        if bound >= found[0] - tolerance or used >= most:
+            return min(bound, found[0]), used
+        if m[3] * m[3] + m[4] * m[4] + m[5] * m[5] < SMALLEST * SMALLEST:
+            return bound, used
+        open_ -= 1
+        if open_ > 0:
+            _sink(heap, keys, open_, heap[open_])
+        if used + 1 >= size:
+            size *= 2
+            more_boxes, more_keys, more_heap = np.empty((size, 6)), np.empty(size), np.empty(size, np.int64)
+            more_boxes[:used], more_keys[:used], more_heap[:open_] = boxes[:used], keys[:used], heap[:open_]
+            boxes, keys, heap = more_boxes, more_keys, more_heap
+            m = boxes[top]
+        side = 3
+        if m[4] > m[side]:
+            side = 4
+        if m[5] > m[side]:
+            side = 5
+        m[side] *= 0.5
+        place, half = m[side - 3], m[side]
+        boxes[used] = m
+        for child in range(2):
+            index = top if child == 0 else used
+            c = boxes[index]
+            c[side - 3] = place - half if child == 0 else place + half
+            key = max(bound, box_bound(task, c, found[0] - tolerance, work, found))
+            keys[index] = key
+            if key < found[0]:
+                _rise(heap, keys, open_, index)
+                open_ += 1
+        used += 1
+    return (math.inf if found[0] == math.inf else found[0]), used
+
+
+@compiled
+def _rise(heap: Any, keys: Any, place: int, index: int) -> None:
+    """Put ``index`` into a heap that holds ``place`` entries."""
+    while place > 0:
+        parent = (place - 1) // 2
+        if keys[heap[parent]] <= keys[index]:
+            break
+        heap[place] = heap[parent]
+        place = parent
+    heap[place] = index
+
+
+@compiled
+def _sink(heap: Any, keys: Any, count: int, index: int) -> None:
+    """Put ``index`` in place of the top of a heap that now holds ``count`` entries."""
+    place = 0
+    while True:
+        child = 2 * place + 1
+        if child >= count:
+            break
+        if child + 1 < count and keys[heap[child + 1]] < keys[heap[child]]:
+            child += 1
+        if keys[heap[child]] >= keys[index]:
+            break
+        heap[place] = heap[child]
+        place = child
+    heap[place] = index
