@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 from ..errors import SsmError
 from ..model import Robot
 from ..model.hulls import triangles
+from .compiled import compiled
 
 _LEAF: Final = 32  # triangles
 _SIDES: Final = 256  # of the prism round a cylinder: 7.5e-5 of its radius too wide at most
@@ -54,9 +55,9 @@ class OwnSurface:
             bodies=np.array(bodies, dtype=np.intp),
             roots=np.array(roots, dtype=np.intp),
             capsules=np.array(capsules, dtype=np.float64).reshape(-1, 7),
-            balls=np.array(tree.balls, dtype=np.float64).reshape(-1, 4),
-            nodes=np.array(tree.nodes, dtype=np.intp).reshape(-1, 2),
-            corners=np.concatenate([np.empty((0, 3, 3)), *tree.leaves]).reshape(-1, 9),
+            balls=np.concatenate(tree.balls),
+            nodes=np.concatenate(tree.nodes),
+            corners=np.concatenate(tree.leaves),
         )
         for array in (made.bodies, made.roots, made.capsules, made.balls, made.nodes, made.corners):
             array.flags.writeable = False
@@ -67,29 +68,66 @@ class _Tree:
     """Binary trees of balls over triangles, halved along the longest side of their box."""
 
     def __init__(self) -> None:
-        self.balls: list[NDArray[np.float64]] = []
-        self.nodes: list[tuple[int, int]] = []
-        self.leaves: list[NDArray[np.float64]] = []
-        self._count = 0
+        self.balls = [np.empty((0, 4))]
+        self.nodes = [np.empty((0, 2), dtype=np.intp)]
+        self.leaves = [np.empty((0, 9))]
+        self._nodes = self._triangles = 0
 
     def add(self, corners: NDArray[np.float64]) -> int:
-        """Add the tree of triangles (t, 3, 3) [m] and return its top node."""
-        points = corners.reshape(-1, 3)
-        lower, upper = points.min(axis=0), points.max(axis=0)
-        centre = 0.5 * (lower + upper)
-        radius = float(np.linalg.norm(points - centre, axis=1).max()) * (1.0 + 1e-9) + 1e-12
-        index = len(self.nodes)
-        self.balls.append(np.append(centre, radius))
-        self.nodes.append((0, 0))
-        if len(corners) <= _LEAF:
-            first, self._count = self._count, self._count + len(corners)
-            self.leaves.append(corners)
-            self.nodes[index] = (-1 - first, self._count)
-            return index
-        order = np.argsort(corners.mean(axis=1)[:, int(np.argmax(upper - lower))], kind="stable")
-        half = len(order) // 2
-        self.nodes[index] = (self.add(corners[order[:half]]), self.add(corners[order[half:]]))
-        return index
+        """Add the tree of triangles (t, 9) [m] and return its top node."""
+        root = self._nodes
+        order = np.arange(len(corners))
+        balls, nodes = np.empty((2 * len(corners), 4)), np.empty((2 * len(corners), 2), dtype=np.intp)
+        count = _grow(np.ascontiguousarray(corners), order, balls, nodes)
+        inner = nodes[:count, 0] >= 0
+        nodes[:count][inner] += root
+        nodes[:count][~inner] += [-self._triangles, self._triangles]
+        self.balls.append(balls[:count])
+        self.nodes.append(nodes[:count])
+        self.leaves.append(corners[order])
+        self._nodes += count
+        self._triangles += len(corners)
+        return root
+
+
+@compiled
+def _grow(
+    corners: NDArray[np.float64],
+    order: NDArray[np.intp],
+    balls: NDArray[np.float64],
+    nodes: NDArray[np.intp],
+) -> int:
+    """Sort ``order`` (t,) so that each node is a part of it; fill balls and nodes and return their number."""
+    parts = np.empty((len(nodes), 2), dtype=np.intp)  # of each node, where its triangles begin and end
+    parts[0, 0], parts[0, 1] = 0, len(order)
+    count, node = 1, 0
+    while node < count:
+        first, last = parts[node]
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for i in order[first:last]:
+            for k in range(9):
+                low[k % 3], high[k % 3] = min(low[k % 3], corners[i, k]), max(high[k % 3], corners[i, k])
+        balls[node, :3] = 0.5 * (low + high)
+        farthest = 0.0
+        for i in order[first:last]:
+            for k in range(0, 9, 3):
+                away = corners[i, k : k + 3] - balls[node, :3]
+                farthest = max(farthest, away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
+        balls[node, 3] = math.sqrt(farthest) * (1.0 + 1e-9) + 1e-12
+        if last - first <= _LEAF:
+            nodes[node, 0], nodes[node, 1] = -1 - first, last
+        else:
+            axis = np.argmax(high - low)
+            part = order[first:last].copy()
+            middles = corners[part, axis] + corners[part, axis + 3] + corners[part, axis + 6]
+            order[first:last] = part[np.argsort(middles)]
+            half = (first + last) // 2
+            nodes[node, 0], nodes[node, 1] = count, count + 1
+            parts[count, 0], parts[count, 1] = first, half
+            parts[count + 1, 0], parts[count + 1, 1] = half, last
+            count += 2
+        node += 1
+    return count
 
 
 def _capsule(shape: Any, placement: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -102,7 +140,7 @@ def _capsule(shape: Any, placement: NDArray[np.float64]) -> NDArray[np.float64] 
 
 
 def _corners(shape: Any, placement: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a shape's surface as triangles, (t, 3, 3) [m]; of a cylinder, that of a prism round it."""
+    """Return a shape's surface as triangles, (t, 9) [m]; of a cylinder, that of a prism round it."""
     if isinstance(shape, coal.BVHModelBase):
         vertices, faces = triangles(shape)
         corners = vertices[faces]
@@ -111,7 +149,7 @@ def _corners(shape: Any, placement: NDArray[np.float64]) -> NDArray[np.float64]:
             corners = corners[:, ::-1]
     else:
         corners = _hull_corners(_points(shape))
-    return np.asarray(corners @ placement[:3, :3].T + placement[:3, 3])
+    return np.asarray(corners @ placement[:3, :3].T + placement[:3, 3]).reshape(-1, 9)
 
 
 def _points(shape: Any) -> NDArray[np.float64]:

@@ -84,17 +84,19 @@ def test_readings_equal_ray_casting_at_the_meshes(change):
     carrier = robot.model.frames[robot.model.getFrameId(array.link)].parentJoint
     compared = silent = 0
     for _ in range(200):
-        if compared >= 6:
+        if compared >= 5:
             break
         position = random_position(robot, rng)
         distances = own.distances(position)
         moving = [t for joint, t in arm_triangles(robot, position).items() if joint != carrier]
         poses = robot.kinematics(position).transform_sensors_to_base
         for sensor in rng.permutation(robot.sensor_count)[:2]:
+            if silent >= 4 and distances[sensor] == math.inf:
+                continue  # echoes are rarer
             half_angle = float(array.half_angles[sensor])
             cast = raycast_mesh(np.concatenate(moving), poses[sensor], half_angle)
-            if np.isfinite(own._fixed[sensor]):
-                cast = min(cast, own._fixed[sensor])
+            if np.isfinite(own._fixed[1][sensor]):
+                cast = min(cast, own._fixed[1][sensor])
             assert distances[sensor] <= cast + 1e-9, (
                 "a point of the arm in the cone is nearer than the reading"
             )
@@ -103,7 +105,7 @@ def test_readings_equal_ray_casting_at_the_meshes(change):
                 assert distances[sensor] == pytest.approx(cast, abs=1e-5)
             else:
                 silent += distances[sensor] == math.inf
-    assert compared >= 6
+    assert compared >= 5
     assert silent >= 1 or change.get("field_of_view_deg", 0) > 100
 
 
@@ -123,11 +125,11 @@ def test_the_carriers_own_bulge_is_seen_and_its_own_spot_is_not(ur3):
             a, b, c = np.swapaxes(link - pose[:3, 3], 0, 1)
             front = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0.0
             cast = raycast_mesh(link[front], pose, float(array.half_angles[sensor]))
-            assert own._fixed[sensor] <= cast + 1e-9
-            assert own._fixed[sensor] == cast or own._fixed[sensor] == pytest.approx(cast, abs=1e-5)
+            assert own._fixed[1][sensor] <= cast + 1e-9
+            assert own._fixed[1][sensor] == cast or own._fixed[1][sensor] == pytest.approx(cast, abs=1e-5)
             seen += cast < math.inf
         assert seen >= 2
-        assert (own.distances(STRETCHED) <= own._fixed).all()
+        assert (own.distances(STRETCHED) <= own._fixed[1]).all()
 
 
 def test_a_sensor_sunk_into_its_own_link_sees_out_of_it(ur3):
@@ -183,6 +185,7 @@ def test_echoes_that_own_links_explain(ur3, own):
     assert not exact.missing.any()
     np.testing.assert_array_equal(exact.expected, expected)
     np.testing.assert_array_equal(exact.clear, np.where(seen, expected, ur3.rings[0].range_max))
+    own = OwnLinks(ur3, margin_rad=0.0)  # no link is at the edge of a cone
     for shift in (-0.9, -0.3, 0.3, 0.9):
         assert own.detect(FOLDED, expected + shift * tolerance, tolerance).own[seen].all()
     nearer = own.detect(FOLDED, np.maximum(expected - 1.1 * tolerance, 0.0), tolerance)
@@ -212,8 +215,36 @@ def test_an_own_link_at_the_end_of_the_range_may_be_seen_or_not():
         echo = np.full(8, math.inf)
         echo[far] = plain[far] - 0.006
         assert own.detect(FOLDED, echo, 0.01).own[far]
-    own = OwnLinks(robot_with({"range_max_m": float(plain[far]) + 0.011}))
+    own = OwnLinks(robot_with({"range_max_m": float(plain[far]) + 0.011}), margin_rad=0.0)
     assert own.detect(FOLDED, np.full(8, math.inf), 0.01).missing[far]
+
+
+def test_at_the_edge_of_a_cone_an_own_link_may_be_seen_or_not(ur3):
+    """Along a motion that brings the upper arm into a cone: just before and after, either answer is right."""
+    sharp, own, margin = OwnLinks(ur3, margin_rad=0.0), OwnLinks(ur3), math.radians(1.0)
+    crossings = 0
+    for angle in np.linspace(1.0, 2.2, 1201):
+        before, after = (np.array([0.0, -1.2, a, 0.0, 0.0, 0.0]) for a in (angle, angle + 1e-3))
+        one, other = sharp.readings(before), sharp.readings(after)
+        for sensor in np.flatnonzero(np.isfinite(one) != np.isfinite(other)):
+            crossings += 1
+            seen = min(one[sensor], other[sensor])
+            echo = np.where(np.arange(8) == sensor, seen, one)
+            silent = np.where(np.arange(8) == sensor, math.inf, one)
+            for position in (before, after):
+                assert own.detect(position, echo, 0.01).own[sensor]
+                assert not own.detect(position, silent, 0.01).missing[sensor]
+                assert not own.detect(position, silent, 0.01).own[sensor]
+            unseen = before if one[sensor] == math.inf else after
+            assert not sharp.detect(unseen, echo, 0.01).own[sensor]
+            assert sharp.detect(after if unseen is before else before, silent, 0.01).missing[sensor]
+            clear = own.detect(unseen, echo, 0.01).clear
+            assert clear[sensor] == seen
+            nearer = np.where(np.arange(8) == sensor, seen - 0.05, one)
+            assert not own.detect(unseen, nearer, 0.01).own[sensor]
+    assert crossings >= 1
+    with pytest.raises(InputError):
+        OwnLinks(ur3, margin_rad=-margin)
 
 
 def test_stretched_arm_sees_nothing_of_itself(ur3, own):
