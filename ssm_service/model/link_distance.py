@@ -25,6 +25,12 @@ _LEVELS: Final = (
 _WITH_POINTS: Final = 2  # levels, the finest, whose nodes' nearest points are kept
 _ROUNDING: Final = 1e-9  # [m²]; of the expressions in double precision, at the size of the table
 
+_Tables = tuple[Array, NDArray[np.float32], Array, NDArray[np.float32]]
+
+_KEPT: Final = 16
+_MADE: Final[dict[bytes, _Tables]] = {}
+"""Tables by the shape they are of: a process that asks for a link again need not wait again."""
+
 
 class LinkDistance:
     """Distance of points from one link's collision geometry, in the link's frame.
@@ -74,7 +80,17 @@ class LinkDistance:
         return self._tables[3]
 
     @cached_property
-    def _tables(self) -> tuple[Array, NDArray[np.float32], Array, NDArray[np.float32]]:
+    def _tables(self) -> _Tables:
+        shape = self._geometry.fingerprint()
+        made = _MADE.get(shape)
+        if made is None:
+            made = self._make()
+            while len(_MADE) >= _KEPT:
+                _MADE.pop(next(iter(_MADE)), None)
+            _MADE[shape] = made
+        return made
+
+    def _make(self) -> _Tables:
         levels, values, points, first = [], [], [], 0
         for number, (margin, spacing, covering) in enumerate(_LEVELS):
             origin = self._geometry.lower - margin

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from typing import Any, Final
 
@@ -65,6 +66,16 @@ class LinkGeometry:
         self.lower: Array = every.min(axis=0)
         self.upper: Array = every.max(axis=0)
 
+    def fingerprint(self) -> bytes:
+        """Return a digest of all that distances depend on: links with the same one have the same shape."""
+        digest = hashlib.sha256()
+        for mesh in self._meshes:
+            digest.update(np.ascontiguousarray(mesh).tobytes())
+        for shape, T_link_shape in self._primitives:
+            digest.update(f"{type(shape).__name__} {_sizes(shape)}".encode())
+            digest.update(np.ascontiguousarray(T_link_shape).tobytes())
+        return digest.digest()
+
     def nearest(self, points: Array, covering: float) -> tuple[Array, Array]:
         """Return points of the geometry near ``points``, and the squared distances from below.
 
@@ -92,6 +103,12 @@ class LinkGeometry:
             better = squared < best
             near[better], best[better] = placed[better], squared[better]
         return near, np.maximum(best, 0.0)
+
+
+def _sizes(shape: Any) -> list[float]:
+    if isinstance(shape, coal.Box):
+        return [float(half) for half in np.asarray(shape.halfSide).ravel()]
+    return [float(shape.radius), float(getattr(shape, "halfLength", 0.0))]
 
 
 def _samples(corners: Array, covering: float) -> Array:
