@@ -187,7 +187,7 @@ class OwnLinks:
     def _read(
         self, angles: NDArray[np.float64], start: NDArray[np.float64], *, rigid: bool = False
     ) -> NDArray[np.float64]:
-        """Return ``start`` (m,), lowered to readings of what does not (``rigid``: does) move with a sensor."""
+        """Return ``start`` (m,), lowered to readings of what is not (``rigid``: is) fixed to the sensor."""
         surface, out = self._surface, start.copy()
         _read_all(
             self._T_base_bodies, self._bodies, self._T_body_sensors, angles, surface.bodies, surface.roots,

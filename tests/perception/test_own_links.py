@@ -43,6 +43,15 @@ def own(ur3):
     return OwnLinks(ur3)
 
 
+_READ = {}
+
+
+def _mesh(path, shape):
+    if path not in _READ:
+        _READ[path] = triangles(shape)
+    return _READ[path]
+
+
 def arm_triangles(robot, position):
     """All links' triangles by the joint that moves them, (t, 3, 3), base frame; the ee_link's box by hand."""
     data, geometry = robot.model.createData(), pin.GeometryData(robot.collision)
@@ -52,7 +61,7 @@ def arm_triangles(robot, position):
     for index, source in enumerate(robot.collision.geometryObjects):
         shape, T = source.geometry, geometry.oMg[index].homogeneous
         if isinstance(shape, coal.BVHModelBase):
-            vertices, faces = triangles(shape)
+            vertices, faces = _mesh(source.meshPath, shape)
         else:
             h = np.array(shape.halfSide)
             vertices = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * h
