@@ -1,3 +1,6 @@
+"""Tables of a link are made once for each shape."""
+
+from ssm_service.model import LinkDistance, Robot
 
 
 def test_links_of_one_shape_share_a_table_and_others_do_not():
