@@ -39,7 +39,16 @@ def check_robot(name_or_path: str) -> Report:
             raise
         return Report(error.file, "robot", [*all_faults(Path(error.file), error)])
     findings, file = [_loaded(robot), _monitored(robot)], config.file
-    for rule in (_reach, _blind_angles, _readings, _timeouts, _not_required, _recovery, _speeds):
+    for rule in (
+        _reach,
+        _blind_angles,
+        _promises,
+        _readings,
+        _timeouts,
+        _not_required,
+        _recovery,
+        _speeds,
+    ):
         findings.extend(rule(robot, file))
     findings.extend(_unmonitored(robot))
     return Report(config.path, "robot", findings)
@@ -100,6 +109,8 @@ def _reach(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
 
 
 def _blind_angles(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    if file.assumptions is not None and all(p.uncovered != "off" for p in file.profiles.values()):
+        return  # the service itself looks for blind spots, and says so in every zone
     for i, ring in enumerate(file.rings):
         seen = ring.count * ring.field_of_view_deg
         if seen < 360.0:
@@ -111,11 +122,34 @@ def _blind_angles(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
             )
 
 
+def _promises(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    """Name what the profiles take on trust of the rings."""
+    if not file.rings:
+        return
+    if file.assumptions is None:
+        text = "none: neither `sphere_fit` nor `lower_bound`, and `uncovered` cannot be told"
+        yield Finding("weak", "assumptions", text)
+    for name, profile in file.profiles.items():
+        if profile.uncovered == "off":
+            text = "off: what the sensors cannot see counts as free; `ssm coverage` shows what that is"
+            yield Finding("weak", f"profiles.{name}.uncovered", text)
+        if profile.range_estimator == "nearest":
+            text = "nearest: the least reading is an estimate, which may be above the true distance"
+            yield Finding("weak", f"profiles.{name}.range_estimator", text)
+        if profile.disagree_margin_m is None:
+            text = "none: readings and tracked obstacles may contradict each other unnoticed"
+            yield Finding("note", f"profiles.{name}.disagree_margin_m", text)
+
+
 def _readings(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
     for i, ring in enumerate(file.rings):
         if ring.accuracy_m > 0.0:
             text = f"readings may be off by {ring.accuracy_m:g} m, and zones take them as they are"
-            yield Finding("weak", f"rings[{i}].accuracy_m", text)
+            if any(profile.range_estimator == "nearest" for profile in file.profiles.values()):
+                yield Finding("weak", f"rings[{i}].accuracy_m", text)
+            if file.assumptions is not None and file.assumptions.reading_error_m < ring.accuracy_m:
+                text = f"below rings[{i}].accuracy_m = {ring.accuracy_m:g} m, so `lower_bound` is not sound"
+                yield Finding("weak", "assumptions.reading_error_m", text)
         timeout = file.sources.ranges.timeout_s
         key = "sources.ranges.timeout_s"
         if timeout <= ring.period_s:

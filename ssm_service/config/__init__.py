@@ -2,6 +2,7 @@
 
 from .load import load_robot_config, load_toml, robot_names, robots_directory
 from .schema import (
+    AssumptionsConfig,
     MotionConfig,
     ProfileConfig,
     RingConfig,
@@ -14,6 +15,7 @@ from .schema import (
 )
 
 __all__ = [
+    "AssumptionsConfig",
     "MotionConfig",
     "ProfileConfig",
     "RingConfig",

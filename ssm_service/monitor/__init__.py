@@ -1,6 +1,7 @@
 """Joints, readings, obstacles and a target in; one zone, one set of limits and one command out."""
 
-from .decision import Decision, Nearest, SourceReport
+from .decision import Comparison, Decision, Nearest, SourceReport
+from .estimates import Estimators
 from .evaluate import EvaluatedPair, Evaluation, EvaluationInput, Evaluator
 from .inputs import (
     SUPPORTED_TARGET_KINDS,
@@ -19,7 +20,9 @@ __all__ = [
     "SOURCES",
     "SUPPORTED_TARGET_KINDS",
     "TARGET_KINDS",
+    "Comparison",
     "Decision",
+    "Estimators",
     "EvaluatedPair",
     "Evaluation",
     "EvaluationInput",

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from ..config import SourcesConfig
-from ..model import ClosestPair, Kinematics, Robot
+from ..model import ClosestPair
 from ..safety import SourceStatus, Zone, ZoneProfile, forces_stop
-from .decision import Nearest, SourceReport
+from .decision import Comparison, Nearest, SourceReport
+from .ranges import RangeReading
 
 PERCEPTION = ("ranges", "obstacles")
 """The sources that say how near something is."""
@@ -25,20 +24,36 @@ class Assessment(Struct, frozen=True, kw_only=True, eq=False):
         zone: See ``Decision.momentary_zone``.
         nearest: The nearest thing over all sources.
         sources: Every source's report.
+        comparison: See ``Decision.comparison``.
         reasons: In the order in which they were found.
     """
 
     zone: Zone
     nearest: Nearest | None
     sources: dict[str, SourceReport]
+    comparison: Comparison | None
     reasons: list[str]
+
+
+class Seen(Struct, frozen=True, kw_only=True, eq=False):
+    """What the fresh sources of perception say.
+
+    Attributes:
+        things: What each sees nearest, if it sees anything.
+        reading: The scan; ``None`` without a fresh one.
+        comparison: Both sources side by side; ``None`` unless both are fresh.
+    """
+
+    things: Sequence[Nearest] = ()
+    reading: RangeReading | None = None
+    comparison: Comparison | None = None
 
 
 def assess(
     profile: ZoneProfile,
     config: SourcesConfig,
     statuses: Sequence[SourceStatus],
-    seen: Sequence[Nearest],
+    seen: Seen,
 ) -> Assessment:
     """Combine source states and distances into one zone; every unknown makes it more severe.
 
@@ -46,11 +61,11 @@ def assess(
         profile: The zone profile in force.
         config: The sources' configuration.
         statuses: One for each source.
-        seen: What each fresh source of perception sees nearest, if it sees anything.
+        seen: What the fresh sources of perception say.
     """
     reasons: list[str] = []
     zone = Zone.GREEN
-    distances = {thing.source: thing.distance for thing in seen}
+    distances = {thing.source: thing.distance for thing in seen.things}
     reports: dict[str, SourceReport] = {}
     for status in statuses:
         source = getattr(config, status.name)
@@ -60,45 +75,69 @@ def assess(
         if status.name != "target" and forces_stop(status, source):
             zone = Zone.STOP
             reasons.append(str(status.reason))
-    nearest = min(seen, key=lambda thing: thing.distance, default=None)
+    nearest = min(seen.things, key=lambda thing: thing.distance, default=None)
     if nearest is not None:
         by_distance = profile.zone_at(nearest.distance)
+        unseen = nearest.source == "ranges" and seen.reading is not None and seen.reading.unseen
         if by_distance is Zone.STOP:
-            reasons.append("contact")
+            reasons.append("uncovered" if unseen else "contact")
         elif by_distance is not Zone.GREEN:
             reasons.append("distance")
         zone = max(zone, by_distance)
-    return Assessment(zone=zone, nearest=nearest, sources=reports, reasons=reasons)
+    for word, worth in _doubts(profile, seen):
+        if word not in reasons:
+            reasons.append(word)
+        zone = max(zone, worth)
+    return Assessment(
+        zone=zone, nearest=nearest, sources=reports, comparison=seen.comparison, reasons=reasons
+    )
 
 
-def nearest_by_rings(robot: Robot, kinematics: Kinematics, ranges: NDArray[np.float64]) -> Nearest | None:
-    """Return the least reading of all rings as the nearest thing: the estimator ``nearest``.
+def _doubts(profile: ZoneProfile, seen: Seen) -> Iterator[tuple[str, Zone]]:
+    """Give the reasons to believe less than the distances say, and the zone that each is worth at least.
+
+    A tracker that is fresh looks everywhere, so that beside it no sector is uncovered. Readings that no
+    admissible obstacle explains prove that the assumptions do not hold: nothing may be promised.
+    """
+    config, reading = profile.config, seen.reading
+    if reading is not None:
+        if reading.contradicted:
+            yield "disagree", Zone.STOP
+        if reading.uncovered and seen.comparison is None and config.uncovered != "off":
+            yield "uncovered", Zone[config.uncovered.upper()]
+    if seen.comparison is not None and seen.comparison.disagrees:
+        yield "disagree", Zone[config.disagree_zone.upper()]
+
+
+def compare(
+    reading: RangeReading, exact: float | None, link: str, estimator: str, margin: float | None
+) -> Comparison:
+    """Put what the rings say of one link beside the exact distance of the tracked obstacles.
+
+    The two contradict each other where a sensor sees something nearer than everything that is tracked, or
+    where something tracked is nearer than the estimate.
 
     Args:
-        robot: The robot.
-        kinematics: Its frames now.
-        ranges: (m,), [m], ``inf`` for no echo.
-
-    Returns:
-        ``None`` where no sensor has an echo.
+        reading: The scan.
+        exact: Of the nearest tracked obstacle from the link [m]; ``None`` where nothing is tracked.
+        link: The link.
+        estimator: The profile's.
+        margin: What may be between them [m]; ``None`` where nobody minds.
     """
-    if not len(ranges):
-        return None
-    index = int(ranges.argmin())
-    distance = float(ranges[index])
-    if math.isinf(distance):
-        return None
-    ring = robot.ring_of_sensor[index]
-    T_base_sensor = kinematics.transform_sensor_to_base(index)
-    direction = T_base_sensor[:3, 0]
-    return Nearest(
-        source="ranges",
-        link=ring.parent_frame,
-        obstacle=None,
-        distance=distance,
-        point_on_link=T_base_sensor[:3, 3],
-        point_on_obstacle=T_base_sensor[:3, 3] + distance * direction,
-        normal=-direction,
+    nearest = reading.nearest
+    estimate = nearest.distance if nearest is not None and nearest.link == link else None
+    tracked = math.inf if exact is None else exact
+    disagrees = margin is not None and (
+        tracked - reading.least.get(link, math.inf) > margin
+        or (estimate is not None and estimate - tracked > margin)
+    )
+    return Comparison(
+        link=link,
+        estimator=estimator,
+        estimate=estimate,
+        exact=exact,
+        difference=None if estimate is None or exact is None else estimate - exact,
+        disagrees=disagrees,
     )
 
 

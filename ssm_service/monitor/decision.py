@@ -31,6 +31,27 @@ class Nearest(Struct, frozen=True, kw_only=True, eq=False):
     normal: NDArray[np.float64]
 
 
+class Comparison(Struct, frozen=True, kw_only=True, eq=False):
+    """What the rings say beside what is tracked, of one link, as of the newest message of either.
+
+    Attributes:
+        link: The link that the estimate is of.
+        estimator: The profile's estimator.
+        estimate: [m]; ``None`` where it says nothing.
+        exact: [m] to the nearest tracked obstacle; ``None`` where nothing is tracked or the link is not
+            monitored.
+        difference: ``estimate - exact`` [m]; above 0 the rings think the obstacle farther than it is.
+        disagrees: Whether the two contradict each other by more than the profile allows.
+    """
+
+    link: str
+    estimator: str
+    estimate: float | None
+    exact: float | None
+    difference: float | None
+    disagrees: bool
+
+
 class SourceReport(Struct, frozen=True, kw_only=True, eq=False):
     """One source as this tick saw it.
 
@@ -55,6 +76,7 @@ class Decision(Struct, frozen=True, kw_only=True, eq=False):
         distance: [m] the least over all sources; ``None`` where nothing was seen.
         nearest: The nearest thing; ``None`` where nothing was seen.
         sources: Every source's report, by name.
+        comparison: The rings beside the tracked obstacles; ``None`` unless both are fresh.
         speed_limit: (n,), [rad/s], by joint.
         speed_scaling: 0 to 1.
         velocity: (n,), [rad/s], the command.
@@ -68,6 +90,7 @@ class Decision(Struct, frozen=True, kw_only=True, eq=False):
     distance: float | None
     nearest: Nearest | None
     sources: dict[str, SourceReport]
+    comparison: Comparison | None
     speed_limit: NDArray[np.float64]
     speed_scaling: float
     velocity: NDArray[np.float64]

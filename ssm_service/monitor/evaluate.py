@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from ..config import SourcesConfig
 from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Robot
 from ..motion import sensor_steps
-from ..perception import RingEstimates, estimate
+from ..perception import RingEstimates
 from ..safety import SourceState, SourceStatus, Zone, ZoneProfile
-from .assess import Assessment, assess, nearest_by_obstacles, nearest_by_rings
+from .assess import Assessment, Seen, assess, compare, nearest_by_obstacles
 from .command import limited_velocity, wanted_velocity, zone_speed_limit
+from .estimates import Estimators
 from .inputs import JointSample, Target
+from .ranges import RangeReader
 
 
 class EvaluationInput(Struct, frozen=True, kw_only=True, eq=False):
@@ -86,22 +88,24 @@ class Evaluator:
         self._robot = robot
         self._profile = profile
         self._distance = DistanceModel(robot)
+        self._reader: RangeReader | None = None
+        self._estimators: Estimators | None = None
         self._steps = sensor_steps([ring.count for ring in robot.rings])
+
+    def prepare(self) -> None:
+        """Do now what the first question with readings would have to wait for."""
+        self._ring_parts()
 
     def evaluate(self, question: EvaluationInput) -> Evaluation:
         """Answer one question."""
         robot, profile = self._robot, self._profile
         kinematics = robot.kinematics(question.joints.position)
         pairs = self._pairs(question)
-        closest = min((entry.pair for entry in pairs), key=lambda pair: pair.distance, default=None)
-        seen = [nearest_by_obstacles(closest)]
-        if question.ranges is not None:
-            seen.append(nearest_by_rings(robot, kinematics, question.ranges))
         now = assess(
             profile,
             robot.config.file.sources,
             self._statuses(question, robot.config.file.sources),
-            [thing for thing in seen if thing is not None],
+            self._seen(question, [entry.pair for entry in pairs], kinematics),
         )
         limit = zone_speed_limit(robot, profile, now.zone)
         return Evaluation(
@@ -111,9 +115,42 @@ class Evaluator:
             speed_scaling=profile.speed_scaling(now.zone),
             reasons=tuple(now.reasons),
             pairs=pairs,
-            estimates=self._estimates(question, kinematics),
+            estimates=None
+            if question.ranges is None or not robot.rings
+            else self._ring_parts()[1].of(question.ranges, kinematics),
             kinematics=kinematics,
             velocity=self._velocity(question, kinematics, now, limit),
+        )
+
+    def _ring_parts(self) -> tuple[RangeReader, Estimators]:
+        """Return what reads the rings; its tables take some seconds, so they are made when first needed."""
+        if self._reader is None or self._estimators is None:
+            self._reader = RangeReader(self._robot, self._profile)
+            self._estimators = Estimators(self._robot)
+        return self._reader, self._estimators
+
+    def _seen(self, question: EvaluationInput, pairs: list[ClosestPair], kinematics: Kinematics) -> Seen:
+        closest = min(pairs, key=lambda pair: pair.distance, default=None)
+        things = [nearest_by_obstacles(closest)]
+        reading, comparison = None, None
+        if question.ranges is not None and self._robot.rings:
+            reader, _ = self._ring_parts()
+            # A copy, since readings are known again by identity, and a question's may be reused.
+            reading = reader.read(question.ranges.copy(), question.joints.position, kinematics)
+            things.append(reading.nearest)
+            if question.obstacles is not None:
+                link = reader.link if reading.nearest is None else reading.nearest.link
+                exact = [pair.distance for pair in pairs if pair.link == link]
+                config, monitored = self._profile.config, link in self._robot.monitored_links
+                comparison = compare(
+                    reading,
+                    min(exact, default=None),
+                    link,
+                    config.range_estimator,
+                    config.disagree_margin_m if monitored else None,
+                )
+        return Seen(
+            things=[thing for thing in things if thing is not None], reading=reading, comparison=comparison
         )
 
     def _statuses(self, question: EvaluationInput, sources: SourcesConfig) -> list[SourceStatus]:
@@ -145,13 +182,6 @@ class Evaluator:
                 speed = -float(pair.normal @ velocity)
             result.append(EvaluatedPair(pair=pair, closing_speed=speed))
         return tuple(result)
-
-    def _estimates(self, question: EvaluationInput, kinematics: Kinematics) -> RingEstimates | None:
-        if question.ranges is None or not self._robot.rings:
-            return None
-        scans = [question.ranges[part] for part in self._robot.ring_slices]
-        index = int(np.argmin([np.min(scan) for scan in scans]))
-        return estimate(self._robot.rings[index], scans[index], kinematics.transform_rings_to_base[index])
 
     def _velocity(
         self,

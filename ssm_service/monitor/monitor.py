@@ -7,14 +7,15 @@ from numpy.typing import NDArray
 
 from ..config import ProfileConfig
 from ..errors import ConfigError, listed, suggestion
-from ..model import DistanceModel, Kinematics, Obstacle, Robot
+from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Robot
 from ..motion import sensor_steps
 from ..safety import SourceState, SourceStatus, Zone, ZoneMachine, ZoneProfile, classify
-from .assess import Assessment, assess, nearest_by_obstacles, nearest_by_rings
+from .assess import Assessment, Seen, assess, compare, nearest_by_obstacles
 from .command import limited_velocity, wanted_velocity, zone_speed_limit
-from .decision import Decision, Nearest
+from .decision import Comparison, Decision
 from .evaluate import Evaluation, EvaluationInput, Evaluator
 from .inputs import Inputs
+from .ranges import RangeReader, RangeReading
 
 SOURCES = ("joints", "ranges", "obstacles", "target")
 
@@ -55,7 +56,8 @@ class Monitor:
     """Inputs and their ages in, one decision out: no clock, no network, no file.
 
     The same sequence of inputs gives the same sequence of decisions, bit for bit. Between ticks it keeps
-    only the zone in force (for slow recovery) and the last command (for the acceleration limit).
+    only the zone in force (for slow recovery), the last command (for the acceleration limit) and what it
+    made of the newest scan and the newest obstacles.
 
     Args:
         robot: The robot.
@@ -74,7 +76,10 @@ class Monitor:
         self.valid_for_s = default_valid_for(period_s)
         self._machine = ZoneMachine(self.profile.config.recovery_ticks)
         self._distance = DistanceModel(robot)
+        self._reader = RangeReader(robot, self.profile)
         self._obstacles: tuple[Obstacle, ...] = ()
+        self._compared: tuple[object, object] = (None, None)
+        self._comparison: Comparison | None = None
         self._evaluator: Evaluator | None = None
         self._steps = sensor_steps([ring.count for ring in robot.rings])
         self._velocity = np.zeros(len(robot.joint_names))
@@ -84,8 +89,8 @@ class Monitor:
         """Decide one tick.
 
         Args:
-            inputs: What is known now. ``obstacles.value`` is compared by identity with the last tick's: pass
-                the same tuple again while nothing new has arrived.
+            inputs: What is known now. The values of ``obstacles`` and ``ranges`` are compared by identity
+                with the last tick's: pass the same objects again while nothing new has arrived.
 
         Returns:
             Zone, limits and command, all of this snapshot.
@@ -108,6 +113,7 @@ class Monitor:
             distance=None if now.nearest is None else now.nearest.distance,
             nearest=now.nearest,
             sources=now.sources,
+            comparison=now.comparison,
             speed_limit=limit,
             speed_scaling=self.profile.speed_scaling(zone),
             velocity=velocity,
@@ -133,24 +139,54 @@ class Monitor:
         age = None if received.value is None else received.age_s
         return classify(name, config, age_s=age, invalid=received.invalid)
 
-    def _perceive(
-        self, inputs: Inputs, statuses: dict[str, SourceStatus]
-    ) -> tuple[Kinematics | None, list[Nearest]]:
-        """Return the frames now and what each fresh source sees; nothing without fresh joints."""
+    def _perceive(self, inputs: Inputs, statuses: dict[str, SourceStatus]) -> tuple[Kinematics | None, Seen]:
+        """Return the frames now and what the fresh sources see; nothing without fresh joints."""
         fresh = {name for name, status in statuses.items() if status.state is SourceState.FRESH}
         if "joints" not in fresh or inputs.joints.value is None:
-            return None, []
+            return None, Seen()
         position = inputs.joints.value.position
         kinematics = self.robot.kinematics(position)
-        seen: list[Nearest | None] = []
-        if "ranges" in fresh and inputs.ranges.value is not None:
-            seen.append(nearest_by_rings(self.robot, kinematics, inputs.ranges.value))
-        if "obstacles" in fresh and inputs.obstacles.value is not None:
-            if inputs.obstacles.value is not self._obstacles:
-                self._distance.set_obstacles(inputs.obstacles.value)
-                self._obstacles = inputs.obstacles.value
-            seen.append(nearest_by_obstacles(self._distance.nearest(position)))
-        return kinematics, [thing for thing in seen if thing is not None]
+        ranges, obstacles = inputs.ranges.value, inputs.obstacles.value
+        reading, exact, comparison = None, None, None
+        if "ranges" in fresh and ranges is not None and self.robot.rings:
+            reading = self._reader.read(ranges, position, kinematics)
+        if "obstacles" in fresh and obstacles is not None:
+            if obstacles is not self._obstacles:
+                self._distance.set_obstacles(obstacles)
+                self._obstacles = obstacles
+            exact = self._distance.nearest(position)
+            if reading is not None:
+                comparison = self._compare(reading, exact, position, (ranges, obstacles))
+        things = [None if reading is None else reading.nearest, nearest_by_obstacles(exact)]
+        return kinematics, Seen(
+            things=[thing for thing in things if thing is not None], reading=reading, comparison=comparison
+        )
+
+    def _compare(
+        self,
+        reading: RangeReading,
+        exact: ClosestPair | None,
+        position: NDArray[np.float64],
+        newest: tuple[object, object],
+    ) -> Comparison:
+        """Return the comparison as of the newest scan and the newest obstacles."""
+        ranges, obstacles = newest
+        if self._comparison is None or ranges is not self._compared[0] or obstacles is not self._compared[1]:
+            link = self._reader.link if reading.nearest is None else reading.nearest.link
+            monitored = link in self.robot.monitored_links
+            pair = exact
+            if pair is not None and pair.link != link:
+                pair = self._distance.nearest(position, link) if monitored else None
+            config = self.profile.config
+            self._compared = newest
+            self._comparison = compare(
+                reading,
+                None if pair is None else pair.distance,
+                link,
+                config.range_estimator,
+                config.disagree_margin_m if monitored else None,
+            )
+        return self._comparison
 
     def _beside_perception(self, now: Assessment, inputs: Inputs) -> Zone:
         """Return the zone after what is no perception: late ticks and a second service.

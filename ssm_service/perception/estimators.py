@@ -1,6 +1,6 @@
 """Where an obstacle is, by the paper's triangulation and by the least reading ([Kang2022] 5–6).
 
-Estimates are estimates: nothing here is a bound on the true distance.
+Estimates are estimates: nothing here is a bound on the true distance (``bound`` is).
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ NO_ECHO: Final = "no_echo"
 ONE_ECHO: Final = "one_echo"
 NOT_NEIGHBOURS: Final = "not_neighbours"
 NO_TRIANGLE: Final = "no_triangle"
+TILTED: Final = "tilted"
+NO_ASSUMPTIONS: Final = "no_assumptions"
+NO_BALL: Final = "no_ball"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,39 +32,53 @@ class Estimate:
         distance: From the link's surface, a cylinder of the ring's radius [m].
         position: (3,) in the base frame [m], or None where the estimator gives none.
         bearing: About the ring's axis from sensor 1, in (−π, π] [rad], or None.
-        sensors: The sensors that it rests on, numbered from 1, the least reading first.
+        sensors: The sensors that it rests on, numbered from 1 over all rings, the least reading first.
+        std: Standard deviation of the distance [m], where the estimator knows one.
     """
 
     distance: float
     position: tuple[float, float, float] | None
     bearing: float | None
     sensors: tuple[int, ...]
+    std: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RingEstimates:
-    """What one scan of one ring says.
+    """What one scan says: the first three of one ring, the other two of all rings on its link.
 
     Attributes:
         as_printed: (5) into (6) literally. The angle of (5) is not that of (6), so the distance is short by
             about the ring's radius (and negative nearer than that); without a direction.
         corrected: (6) with the angle at S1 between the link's centre and the obstacle.
         nearest: The least reading, in the direction in which its sensor looks.
+        sphere_fit: The ball of the assumed radius that best explains readings and silences.
+        lower_bound: The least distance that any admissible obstacle could have; sound within the
+            robot file's ``assumptions``. Its position is that ball's nearest point.
         reasons: For each estimator that is None, why: ``no_echo``; ``one_echo``; ``not_neighbours`` (no
             neighbour of the least reading has an echo); ``no_triangle`` (the two readings and the chord
-            close no triangle, or one that puts the obstacle inside the link, or the least reading is 0).
+            close no triangle, or one that puts the obstacle inside the link, or the least reading is 0);
+            ``tilted`` (the paper's triangle lies in the ring's plane, these sensors do not look along it);
+            ``no_assumptions`` (the robot file makes none); ``no_ball`` (no admissible obstacle explains the
+            readings, so the assumptions do not hold).
     """
 
     as_printed: Estimate | None
     corrected: Estimate | None
     nearest: Estimate | None
     reasons: dict[str, str]
+    sphere_fit: Estimate | None = None
+    lower_bound: Estimate | None = None
 
 
 def estimate(
-    ring: Ring, ranges: NDArray[np.float64], transform_ring_to_base: NDArray[np.float64]
+    ring: Ring,
+    ranges: NDArray[np.float64],
+    transform_ring_to_base: NDArray[np.float64],
+    *,
+    first_sensor: int = 1,
 ) -> RingEstimates:
-    """Return the estimates of one scan.
+    """Return the estimates of one scan of one ring.
 
     S1 is the sensor with the least reading, S2 the neighbour of S1 with the lesser echo; of
     equals, the first in the ring's order for S1 and the one after S1 for S2.
@@ -70,6 +87,7 @@ def estimate(
         ring: The ring that was read.
         ranges: (count,) readings [m], ``inf`` for no echo.
         transform_ring_to_base: (4, 4) [m].
+        first_sensor: Number of the ring's first sensor among those of all rings.
 
     Raises:
         InputError: ``wrong_length``, ``not_finite`` (NaN) or ``out_of_range`` (negative) readings; a pose
@@ -85,13 +103,16 @@ def estimate(
             reasons=dict.fromkeys(("as_printed", "corrected", "nearest"), NO_ECHO),
         )
     first = readings.index(d1)
-    nearest = _placed(pose, ring, d1, 2.0 * math.pi / ring.count * first, (first + 1,))
+    nearest = _placed(pose, ring, d1, 2.0 * math.pi / ring.count * first, (first_sensor + first,))
+    if ring.tilt != 0.0:
+        reasons = {"as_printed": TILTED, "corrected": TILTED}
+        return RingEstimates(as_printed=None, corrected=None, nearest=nearest, reasons=reasons)
     step = _side_of_second(readings, first)
     if step == 0:
         reason = ONE_ECHO if sum(reading < math.inf for reading in readings) == 1 else NOT_NEIGHBOURS
         reasons = {"as_printed": reason, "corrected": reason}
         return RingEstimates(as_printed=None, corrected=None, nearest=nearest, reasons=reasons)
-    as_printed, corrected = _triangulated(ring, readings, first, step, pose)
+    as_printed, corrected = _triangulated(ring, readings, first, step, pose, first_sensor)
     found = {"as_printed": as_printed, "corrected": corrected}
     reasons = {name: NO_TRIANGLE for name, value in found.items() if value is None}
     return RingEstimates(as_printed=as_printed, corrected=corrected, nearest=nearest, reasons=reasons)
@@ -109,11 +130,11 @@ def _side_of_second(readings: list[float], first: int) -> int:
 
 
 def _triangulated(
-    ring: Ring, readings: list[float], first: int, step: int, pose: NDArray[np.float64]
+    ring: Ring, readings: list[float], first: int, step: int, pose: NDArray[np.float64], first_sensor: int
 ) -> tuple[Estimate | None, Estimate | None]:
     """Return ``as_printed`` and ``corrected`` from S1 and the neighbour ``step`` places on."""
     second = (first + step) % ring.count
-    sensors = (first + 1, second + 1)
+    sensors = (first_sensor + first, first_sensor + second)
     r, d1, d2 = ring.radius, readings[first], readings[second]
     chord = 2.0 * r * math.sin(math.pi / ring.count)  # r·√(2 − √2) for eight sensors
     # [Kang2022] (5): the angle at S1 between S2 and the obstacle.
@@ -140,9 +161,10 @@ def _triangulated(
 def _placed(
     pose: NDArray[np.float64], ring: Ring, distance: float, bearing: float, sensors: tuple[int, ...]
 ) -> Estimate:
-    """Return the estimate at ``distance`` from the surface, at ``bearing`` in the ring's plane."""
-    from_axis = ring.radius + distance
-    in_ring = np.array([from_axis * math.cos(bearing), from_axis * math.sin(bearing), 0.0])
+    """Return the estimate ``distance`` from the sensors' faces at ``bearing``, raised by the ring's tilt."""
+    from_axis = ring.radius + distance * math.cos(ring.tilt)
+    height = distance * math.sin(ring.tilt)
+    in_ring = np.array([from_axis * math.cos(bearing), from_axis * math.sin(bearing), height])
     x, y, z = (pose[:3, :3] @ in_ring + pose[:3, 3]).tolist()
     return Estimate(distance=distance, position=(x, y, z), bearing=_wrapped(bearing), sensors=sensors)
 

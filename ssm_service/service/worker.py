@@ -50,6 +50,7 @@ class EvaluatingWorker:
     def __init__(self, options: WorkerOptions, session: zenoh.Session) -> None:
         self._robot = Robot.load(Path(options.robot_file))
         self._evaluator = Evaluator(self._robot, zone_profile(self._robot, options.profile))
+        self._evaluator.prepare()
         self._name = options.name
         keys = Keys(options.name)
         self._keys = {name: keys.output(name) for name in ("evaluate", "frames")}

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..model import Obstacle, Robot
 from ..monitor import (
+    Comparison,
     Decision,
     Evaluation,
     EvaluationInput,
@@ -129,6 +130,7 @@ def zone_message(
             )
             for key, report in decision.sources.items()
         },
+        comparison=None if decision.comparison is None else _comparison_entry(decision.comparison),
         reaction=None,
         reasons=list(decision.reasons),
     )
@@ -238,11 +240,23 @@ def _nearest_entry(nearest: Nearest) -> m.NearestEntry:
     )
 
 
+def _comparison_entry(comparison: Comparison) -> m.ComparisonEntry:
+    return m.ComparisonEntry(
+        link=comparison.link,
+        estimator=comparison.estimator,
+        estimate=comparison.estimate,
+        exact=comparison.exact,
+        difference=comparison.difference,
+    )
+
+
 def _estimates_entry(estimates: RingEstimates) -> m.EstimatesEntry:
     return m.EstimatesEntry(
         as_printed=_estimate_entry(estimates.as_printed),
         corrected=_estimate_entry(estimates.corrected),
         nearest=_estimate_entry(estimates.nearest),
+        sphere_fit=_estimate_entry(estimates.sphere_fit),
+        lower_bound=_estimate_entry(estimates.lower_bound),
         reasons=dict(estimates.reasons),
     )
 
@@ -255,4 +269,5 @@ def _estimate_entry(estimate: Estimate | None) -> m.EstimateEntry | None:
         position=estimate.position,
         bearing=estimate.bearing,
         sensors=list(estimate.sensors),
+        std=estimate.std,
     )

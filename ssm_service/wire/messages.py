@@ -136,6 +136,18 @@ class SourceEntry(Message, frozen=True, kw_only=True):
     distance: Annotated[float | None, Meta(description="m; what this source alone says")]
 
 
+class ComparisonEntry(Message, frozen=True, kw_only=True):
+    """What the rings say of one link beside the tracked obstacles, as of the newest message of either."""
+
+    link: str
+    estimator: Annotated[str, Meta(description="the profile's: nearest or lower_bound")]
+    estimate: Annotated[float | None, Meta(description="m; null where the estimator says nothing")]
+    exact: Annotated[float | None, Meta(description="m, by Coal; null where nothing is tracked")]
+    difference: Annotated[
+        float | None, Meta(description="m, estimate less exact: above 0 it is nearer than the rings say")
+    ]
+
+
 class Zone(Message, frozen=True, kw_only=True):
     """Zone and speed limits of one tick."""
 
@@ -154,6 +166,9 @@ class Zone(Message, frozen=True, kw_only=True):
     speed_scaling: Annotated[float, Meta(ge=0.0, le=1.0)]
     nearest: NearestEntry | None
     sources: dict[str, SourceEntry]
+    comparison: Annotated[
+        ComparisonEntry | None, Meta(description="null unless both ranges and obstacles are fresh")
+    ] = None
     reaction: Annotated[
         dict[str, float] | None, Meta(description="terms of the reaction time, where the profile uses one")
     ]
@@ -220,6 +235,7 @@ class EstimateEntry(Message, frozen=True, kw_only=True):
     position: Annotated[Vector3 | None, Meta(description="m, base frame")]
     bearing: Annotated[float | None, Meta(description="rad, about the link, from sensor 1")]
     sensors: Annotated[list[int], Meta(description="the sensors used, numbered from 1 as in Ranges")]
+    std: Annotated[float | None, Meta(description="m, standard deviation where one is known")] = None
 
 
 class EstimatesEntry(Message, frozen=True, kw_only=True):

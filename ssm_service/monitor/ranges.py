@@ -1,0 +1,220 @@
+"""What the sensor rings say of the nearest thing, worked out once for each scan."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from ..config import AssumptionsConfig
+from ..model import Kinematics, LinkDistance, Robot, SensorArray
+from ..perception import Bound, LowerBound, OwnLinks
+from ..safety import ZoneProfile
+from .decision import Nearest
+
+
+class RangeReading(Struct, frozen=True, kw_only=True, eq=False):
+    """One scan as the profile takes it.
+
+    Attributes:
+        nearest: What the profile's estimator says; ``None`` where it says nothing.
+        least: The least reading that is not the arm's own link, by link [m]; ``inf`` for silence.
+        unseen: Whether ``nearest`` is a thing that no sensor sees but that could be there.
+        uncovered: Whether something could be nearer than the yellow distance without an echo.
+        contradicted: Whether no admissible obstacle explains the readings.
+    """
+
+    nearest: Nearest | None
+    least: dict[str, float]
+    unseen: bool
+    uncovered: bool
+    contradicted: bool
+
+
+class _Scan(Struct, frozen=True, kw_only=True, eq=False):
+    """What does not change while the arm moves on: ranges (m,) [m] without own links, and the bound."""
+
+    ranges: NDArray[np.float64]
+    least: dict[str, float]
+    uncovered: bool
+    bound: Bound | None
+    sensors: SensorArray | None
+
+
+class RangeReader:
+    """Turns scans into what the profile makes of them.
+
+    A reading that the arm's own link explains is either an obstacle or, where the profile minds uncovered
+    sectors, a sensor that sees nothing beyond it; it is never taken as clear.
+
+    Attributes:
+        link: The link that carries the first ring; empty without rings.
+
+    Args:
+        robot: The robot.
+        profile: Names the estimator and says what an uncovered sector is worth.
+    """
+
+    def __init__(self, robot: Robot, profile: ZoneProfile) -> None:
+        self._robot = robot
+        self._config = profile.config
+        self.link = robot.sensor_arrays[0].link if robot.sensor_arrays else ""
+        self._own = OwnLinks(robot) if robot.rings and self._config.uncovered != "off" else None
+        self._tolerances = np.array([ring.accuracy for ring in robot.ring_of_sensor])
+        self._bounds = self._lower_bounds(robot.config.file.assumptions)
+        silent = min((bound.silent for _, bound, _ in self._bounds), default=math.inf)
+        self._always_uncovered = silent < self._config.yellow.distance_m
+        self._ranges: NDArray[np.float64] | None = None
+        self._scan: _Scan | None = None
+
+    def read(
+        self, ranges: NDArray[np.float64], position: NDArray[np.float64], kinematics: Kinematics
+    ) -> RangeReading:
+        """Return what a scan says.
+
+        Args:
+            ranges: (m,), [m], ``inf`` for no echo; compared by identity with the last one.
+            position: (n,), [rad], now.
+            kinematics: The frames at ``position``.
+        """
+        if self._scan is None or ranges is not self._ranges:
+            self._ranges, self._scan = ranges, self._new_scan(ranges, position)
+        scan = self._scan
+        if self._config.range_estimator == "nearest":
+            nearest = nearest_by_rings(self._robot, kinematics, scan.ranges)
+            unseen = contradicted = False
+        else:
+            nearest = self._nearest_by_bound(scan, kinematics)
+            contradicted = scan.bound is not None and scan.bound.distance is None
+            unseen = nearest is not None and nearest.distance < scan.least[nearest.link]
+        return RangeReading(
+            nearest=nearest,
+            least=scan.least,
+            unseen=unseen,
+            uncovered=scan.uncovered,
+            contradicted=contradicted,
+        )
+
+    def _lower_bounds(
+        self, assumptions: AssumptionsConfig | None
+    ) -> list[tuple[SensorArray, LowerBound, LinkDistance]]:
+        needed = self._config.range_estimator == "lower_bound" or self._config.uncovered != "off"
+        if assumptions is None or not needed:
+            return []
+        return [
+            (array, LowerBound(array, surface, assumptions), surface)
+            for array in answering_arrays(self._robot)
+            for surface in [LinkDistance(self._robot, array.link)]
+        ]
+
+    def _new_scan(self, ranges: NDArray[np.float64], position: NDArray[np.float64]) -> _Scan:
+        own, uncovered = np.zeros(len(ranges), dtype=np.bool_), self._always_uncovered
+        if self._own is not None:
+            found = self._own.detect(position, ranges, self._tolerances)
+            own = found.own
+            near = found.clear < self._config.yellow.distance_m
+            uncovered = uncovered or bool((near & (own | found.missing)).any())
+        seen = np.where(own, math.inf, ranges)
+        least = {
+            array.link: float(seen[array.indices].min(initial=math.inf))
+            for array in self._robot.sensor_arrays
+        }
+        bound, sensors = None, None
+        if self._config.range_estimator == "lower_bound":
+            bound, sensors = self._least_bound(ranges, own)
+        return _Scan(ranges=seen, least=least, uncovered=uncovered, bound=bound, sensors=sensors)
+
+    def _least_bound(self, ranges: NDArray[np.float64], own: NDArray[np.bool_]) -> tuple[Bound, SensorArray]:
+        """Return the most severe bound of all links; one that nothing explains is more severe than any."""
+        found = [
+            (bound.of(ranges[array.indices], own[array.indices]), array) for array, bound, _ in self._bounds
+        ]
+        return min(found, key=lambda entry: -math.inf if entry[0].distance is None else entry[0].distance)
+
+    def _nearest_by_bound(self, scan: _Scan, kinematics: Kinematics) -> Nearest | None:
+        """Return the ball that attains the bound as the nearest thing."""
+        bound, array = scan.bound, scan.sensors
+        if bound is None or array is None or bound.distance is None or bound.distance == math.inf:
+            return None
+        T_base_link = link_pose(array, kinematics)
+        surface = next(surface for other, _, surface in self._bounds if other is array)
+        return ball_as_nearest(array.link, bound, surface, T_base_link)
+
+
+def answering_arrays(robot: Robot) -> list[SensorArray]:
+    """Return the sensor arrays of the links that the rings answer for."""
+    assumptions = robot.config.file.assumptions
+    links = None if assumptions is None else assumptions.links
+    return [array for array in robot.sensor_arrays if links is None or array.link in links]
+
+
+def link_pose(array: SensorArray, kinematics: Kinematics) -> NDArray[np.float64]:
+    """Return the pose of the link that carries ``array``, (4, 4), to the base frame [m]."""
+    T_base_sensor = kinematics.transform_sensor_to_base(int(array.indices[0]))
+    T_base_link: NDArray[np.float64] = T_base_sensor @ np.linalg.inv(array.transforms_sensor_to_link[0])
+    return T_base_link
+
+
+def ball_as_nearest(
+    link: str, bound: Bound, surface: LinkDistance, T_base_link: NDArray[np.float64]
+) -> Nearest | None:
+    """Return the ball that attains a bound as the nearest thing, in the base frame."""
+    if bound.distance is None or bound.centre is None or bound.radius is None:
+        return None
+    normal = towards_link(surface, bound.centre)
+    on_ball = bound.centre + bound.radius * normal
+    return Nearest(
+        source="ranges",
+        link=link,
+        obstacle=None,
+        distance=bound.distance,
+        point_on_link=T_base_link[:3, :3] @ (on_ball + bound.distance * normal) + T_base_link[:3, 3],
+        point_on_obstacle=T_base_link[:3, :3] @ on_ball + T_base_link[:3, 3],
+        normal=T_base_link[:3, :3] @ normal,
+    )
+
+
+def towards_link(surface: LinkDistance, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit vector from ``point`` (3,) towards the link's nearest point, link frame.
+
+    It is the gradient of the distance, by central differences over 2 mm.
+    """
+    steps = 1e-3 * np.vstack((np.eye(3), -np.eye(3)))
+    distances = surface.distance(point + steps)
+    gradient = distances[:3] - distances[3:]
+    length = float(np.linalg.norm(gradient))
+    if length > 0.0:
+        return np.asarray(-gradient / length)
+    return np.array([0.0, 0.0, 1.0])  # in the very middle of something: any direction is as good
+
+
+def nearest_by_rings(robot: Robot, kinematics: Kinematics, ranges: NDArray[np.float64]) -> Nearest | None:
+    """Return the least reading of all rings as the nearest thing: the estimator ``nearest``.
+
+    Args:
+        robot: The robot.
+        kinematics: Its frames now.
+        ranges: (m,), [m], ``inf`` for no echo.
+
+    Returns:
+        ``None`` where no sensor has an echo.
+    """
+    if not len(ranges):
+        return None
+    index = int(ranges.argmin())
+    distance = float(ranges[index])
+    if math.isinf(distance):
+        return None
+    T_base_sensor = kinematics.transform_sensor_to_base(index)
+    direction = T_base_sensor[:3, 0]
+    return Nearest(
+        source="ranges",
+        link=robot.link_of_sensor[index],
+        obstacle=None,
+        distance=distance,
+        point_on_link=T_base_sensor[:3, 3],
+        point_on_obstacle=T_base_sensor[:3, 3] + distance * direction,
+        normal=-direction,
+    )
