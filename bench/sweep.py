@@ -120,7 +120,8 @@ def complete(
                 running[executor.submit(work, tasks[index])] = index
             if not running:
                 return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            ended = wait(running, return_when=FIRST_COMPLETED).done
+            for future in sorted(ended, key=lambda one: one.exception() is not None):  # failures last
                 index = running.pop(future)
                 store.save(index, future.result())
                 done(tasks[index])

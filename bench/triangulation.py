@@ -27,7 +27,8 @@ from . import sweep
 from .common import parser, progress
 from .sweep import Arrays
 from .triangulation_chunk import Settings, Task, tasks, work
-from .triangulation_claims import contests, coverage
+from .triangulation_claims import CHAMPION, contests, coverage
+from .triangulation_estimators import ESTIMATORS
 from .triangulation_figures import draw_all
 from .triangulation_notes import notes
 from .triangulation_points import point_rows
@@ -80,11 +81,13 @@ def report(settings: Settings, scenes: dict[str, int], found: dict[str, Arrays])
     edges = (profile.red.distance_m, profile.yellow.distance_m)
     noises, names = settings.noises, settings.estimators
     rows = [r for shape in found for r in all_rows(found[shape], shape, noises, names, ring.count, edges)]
-    fights = (
-        [r for shape in found for r in contests(found[shape], shape, noises, ring.count)]
-        if "sphere_fit" in names
-        else []
-    )
+    rivals = tuple(name for name in ("corrected", "nearest") if name in names)
+    fights = [
+        r
+        for shape in found
+        if CHAMPION in names
+        for r in contests(found[shape], shape, noises, ring.count, rivals=rivals)
+    ]
     extra = {
         "coverage": coverage(found["sphere"]),
         "contests": fights,
@@ -96,7 +99,7 @@ def report(settings: Settings, scenes: dict[str, int], found: dict[str, Arrays])
         settings={**settings.to_builtins(), "scenes": scenes},
         columns={"shape": "shape", "noise": "noise", "stratum": "stratum", "estimator": "estimator"},
         rows=rows,
-        notes=notes(robot, settings, fights),
+        notes=notes(robot, settings, rows, fights),
         extra=extra,
         draw=lambda path: draw_all(path.parent, found, rows, names),
     )
@@ -117,6 +120,10 @@ def _arguments() -> argparse.Namespace:
     options.add_argument(
         "--full", action="store_true", help=f"the whole arm for every ball, not one in {ARM_EVERY}"
     )
+    options.add_argument(
+        "--estimators", nargs="+", choices=ESTIMATORS, default=ESTIMATORS, metavar="NAME",
+        help=f"of {', '.join(ESTIMATORS)} (default: all)",
+    )  # fmt: skip
     return options.parse_args()
 
 
@@ -130,7 +137,12 @@ def _at_least_none(text: str) -> int:
 def main() -> None:
     """Run the benchmark."""
     arguments = _arguments()
-    settings = Settings(robot=ROBOT, seed=arguments.seed, arm_every=1 if arguments.full else ARM_EVERY)
+    settings = Settings(
+        robot=ROBOT,
+        seed=arguments.seed,
+        estimators=tuple(name for name in ESTIMATORS if name in arguments.estimators),
+        arm_every=1 if arguments.full else ARM_EVERY,
+    )
     scenes = counts(arguments.scenes)
     name = sweep.key({**settings.to_builtins(), "scenes": scenes})
     with ExitStack() as stack:

@@ -19,8 +19,8 @@ from .triangulation_person import reaching
 from .triangulation_scenes import RADIUS_M, SHAPES, Draws, Floats, ball_centres, draw, moved, solids
 from .triangulation_truth import LinkTruth
 
-CHUNK = {"sphere": 2000, "forearm": 100, "hand": 100, "person": 25}
-"""Scenes of one chunk, about 0.2 to 1 s of work."""
+CHUNK = {"sphere": 1000, "forearm": 100, "hand": 100, "person": 20}
+"""Scenes of one chunk, 0.1 s of work or little more."""
 
 _local = threading.local()
 

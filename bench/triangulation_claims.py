@@ -17,6 +17,7 @@ ROUNDED = 0.005
 UNSEEN_CLAIM, UNSEEN_ABOUT = 0.40, 0.05
 SEEN_CLAIMS = ((0.0, 0.05, 0.16), (0.05, 0.1, 0.05), (0.1, math.inf, 0.0))
 """From gap, to gap [m], share of the directions that two sensors see."""
+CHAMPION = "sphere_fit"
 UNSEEN_EDGES_M = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, math.inf)
 
 
@@ -61,7 +62,7 @@ def contests(
     shape: str,
     noises: tuple[str, ...],
     count: int,
-    champion: str = "sphere_fit",
+    champion: str = CHAMPION,
     rivals: tuple[str, ...] = ("corrected", "nearest"),
 ) -> list[Row]:
     """Return how ``champion`` does against each rival where two or more sensors have an echo.
@@ -93,6 +94,7 @@ def _duel(true: Floats, ours: Floats, theirs: Floats) -> Row:
     if len(true):
         row["p50"], row["p95"] = np.percentile(np.abs(ours - true), [50.0, 95.0]).tolist()
         row["rival_p50"], row["rival_p95"] = np.percentile(np.abs(theirs - true), [50.0, 95.0]).tolist()
+        row["median"], row["rival_median"] = (float(np.median(said - true)) for said in (ours, theirs))
         median, tail = row["p50"] < row["rival_p50"], row["p95"] < row["rival_p95"]
         row["wins"] = "both" if median and tail else "median" if median else "p95" if tail else "neither"
     return row

@@ -21,6 +21,7 @@ COLOURS = {
     "nearest": "C0",
     "sphere_fit": "C2",
     "lower_bound": "C3",
+    "lower_bound_tight": "C4",
 }
 _BINS, _SECTORS, _FEWEST = 25, 72, 20
 

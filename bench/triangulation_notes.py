@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from ssm_service.config.schema import AssumptionsConfig
 from ssm_service.model import Robot
 
 from .common import Row
 from .triangulation_chunk import Settings
+from .triangulation_estimators import BOUNDS
 from .triangulation_noise import DROPPED, NOISES
 from .triangulation_person import ASIDE_M, TABLE_M
 from .triangulation_report import lost
@@ -29,20 +31,37 @@ same scenes.
 Whole arm: {{arm}}. Scenes in which the obstacle touches what is measured are counted and left out.
 Bearing: against that of the obstacle's point nearest to the link; median of the absolute error.
 Zones of profile {{profile}}; no answer counts as green, as the profile takes silence. Unsafe: a milder \
-zone than Coal's, as a share of all scenes.
+zone than Coal's, as a share of all scenes. A bound answers to silence, too; readings that contradict its \
+assumptions are a stop, and count as red.
+sphere_fit assumes balls of {{assumed}} m. lower_bound takes for granted what the robot file declares: one \
+obstacle, a ball of {{least}} to {{most}} m, readings within {{error}} m; lower_bound_tight the same, but \
+readings that err no more than the row's noise does. The bounds' median below 0 is the price of the ring.
 Drop-outs ({DROPPED:.0%} of the echoes) and shapes other than balls are outside of what lower_bound \
 promises: the table shows what happens then.
 Strata overlap: all, gap, bearing off the nearest sensor's axis, axial offset, number of echoes. Everything \
 by shape, noise, stratum and estimator is in the JSON.
 """
 
+WHY = (
+    "Why: a single ring does not tell where along the link's axis an obstacle is. sphere_fit takes a typical "
+    "offset from the ring's plane. For what is in that plane this is some millimetres too near, and near the "
+    "ring that is as much as the whole error of nearest, whose two errors cancel there: the sensors' faces "
+    "stand proud of the link, and the offset is neglected. A person's trunk is no ball of the assumed radius."
+)
 
-def notes(robot: Robot, settings: Settings, contests: list[Row]) -> list[str]:
+
+def notes(robot: Robot, settings: Settings, rows: list[Row], contests: list[Row]) -> list[str]:
     """Return the notes, one for each line."""
     array = robot.sensor_arrays[0]
     every = settings.arm_every
     arm = {0: "no ball scene", 1: "every scene"}.get(every, f"one ball scene in {every}, every other scene")
+    assumptions = robot.config.file.assumptions or AssumptionsConfig(reading_error_m=0.0)
+    assumed = assumptions.assumed_radius_m
     text = NOTES.format(
+        assumed=assumptions.radius_min_m if assumed is None else assumed,
+        least=assumptions.radius_min_m,
+        most=assumptions.radius_max_m,
+        error=assumptions.reading_error_m,
         radius=array.rings[0].radius,
         noises="; ".join(f"{name}: {NOISES[name]}" for name in settings.noises),
         link=array.link,
@@ -50,4 +69,27 @@ def notes(robot: Robot, settings: Settings, contests: list[Row]) -> list[str]:
         profile=robot.config.file.default_profile,
     )
     better = [f"sphere_fit is not better in both median and p95: {line}." for line in lost(contests)]
-    return text.splitlines() + better
+    if better:
+        better.append(WHY)
+    return [*text.splitlines(), *_kept(rows), *better]
+
+
+def _kept(rows: list[Row]) -> list[str]:
+    """Return how often the bounds were above the truth where they promise not to be."""
+    lines = []
+    for name in sorted({row["estimator"] for row in rows} & set(BOUNDS)):
+        promised = [
+            row
+            for row in rows
+            if row["estimator"] == name
+            and (row["shape"], row["kind"], row["truth"]) == ("sphere", "all", "link")
+            and row["noise"] != "drop-outs"
+        ]
+        scenes = sum(row["scenes"] for row in promised)
+        broken = sum(round((row["over"] or 0.0) * row["answered"]) for row in promised)
+        silent = scenes - sum(row["answered"] for row in promised)
+        lines.append(
+            f"{name}, balls without drop-outs: above Coal's distance in {broken} of {scenes} scenes, "
+            f"contradicted in {silent}."
+        )
+    return lines

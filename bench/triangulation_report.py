@@ -28,7 +28,7 @@ _ERRORS = {
 _SHARES = {"answers", "over", "unsafe", "share", "standard_error", "claimed", "touch_link", "touch_arm"}
 _LENGTHS = {
     *("bias", "median", "abs_p50", "abs_p95", "abs_p99", "worst_over", "worst_under"),
-    *("p50", "p95", "rival_p50", "rival_p95"),
+    *("p50", "p95", "rival_p50", "rival_p95", "rival_median"),
 }
 _COVERAGE = {
     "seen_by": "seen by",
@@ -49,6 +49,8 @@ _CONTESTS = {
     "rival_p50": "rival p50",
     "p95": "sphere_fit p95",
     "rival_p95": "rival p95",
+    "median": "sphere_fit median",
+    "rival_median": "rival median",
     "wins": "better in",
 }
 _POINTS = {

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .common import Row
 from .sweep import Arrays
+from .triangulation_estimators import BOUNDS
 from .triangulation_scenes import Floats
 
 Mask = NDArray[np.bool_]
@@ -82,7 +83,7 @@ def figures(
         "answers": _ratio(len(error), len(true)),
         **_errors(error),
         **_bearings(found, name, noise, counted, answered),
-        **zones(true, said, edges),
+        **zones(true, np.where(np.isnan(said), _unanswered(name), said), edges),
     }
     return row
 
@@ -113,9 +114,9 @@ def _bearings(found: Arrays, name: str, noise: str, counted: Mask, answered: Mas
 def zones(true: Floats, said: Floats, edges: tuple[float, float]) -> Row:
     """Return the confusion matrix, rows Coal's zone and columns the estimate's, and the unsafe share.
 
-    Silence counts as green, which is how the paper's profile takes it. Unsafe: a milder zone than Coal's.
+    Unsafe: a milder zone than Coal's.
     """
-    ours = np.searchsorted(edges, np.where(np.isnan(said), np.inf, said), side="left")
+    ours = np.searchsorted(edges, said, side="left")
     coals = np.searchsorted(edges, true, side="left")
     matrix = np.zeros((len(ZONES), len(ZONES)), dtype=np.int64)
     np.add.at(matrix, (coals, ours), 1)
@@ -125,6 +126,14 @@ def zones(true: Floats, said: Floats, edges: tuple[float, float]) -> Row:
         "unsafe": _ratio(unsafe, len(true)),
         "too_strict": _ratio(strict, len(true)),
     }
+
+
+def _unanswered(name: str) -> float:
+    """Return the distance that no answer stands for.
+
+    Silence is green to the paper's profile; readings that contradict a bound's assumptions are a stop.
+    """
+    return 0.0 if name in BOUNDS else math.inf
 
 
 def _ratio(part: int, whole: int) -> float | None:

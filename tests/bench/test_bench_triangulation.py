@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import signal
@@ -19,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from bench import sweep
 from bench.triangulation_chunk import Settings, Task, tasks, work
 from bench.triangulation_claims import contests, coverage
+from bench.triangulation_estimators import BOUNDS, ESTIMATORS
 from bench.triangulation_noise import NOISES
 from bench.triangulation_points import point_errors, point_rows
 from bench.triangulation_strata import all_rows, figures, zones
@@ -26,7 +28,8 @@ from ssm_service.model import Robot
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ("rows", "coverage", "contests", "points", "touching", "settings", "notes")
-SMALL = {"sphere": 4100, "forearm": 4, "hand": 4, "person": 2}
+SMALL = {"sphere": 2100, "forearm": 4, "hand": 4, "person": 2}
+CHEAP = ("as_printed", "corrected", "nearest")
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +40,7 @@ def robot():
 @pytest.fixture(scope="module")
 def small():
     """A small sweep, done here: settings, tasks, pieces."""
-    settings = Settings(robot="ur3", seed=3, arm_every=50)
+    settings = Settings(robot="ur3", seed=3, estimators=CHEAP, arm_every=50)
     every = tasks(settings, SMALL)
     return settings, every, [work(task) for task in every]
 
@@ -61,14 +64,19 @@ def test_a_chunk_depends_on_nothing_but_its_task(small):
 
 def test_seeds_and_chunks_differ(small):
     _, every, pieces = small
-    other = Task(settings=Settings(robot="ur3", seed=4), shape="sphere", index=0, count=every[0].count)
+    other = Task(
+        settings=Settings(robot="ur3", seed=4, estimators=CHEAP),
+        shape="sphere",
+        index=0,
+        count=every[0].count,
+    )
     assert not np.array_equal(work(other)["gap"], pieces[0]["gap"])
     assert not np.array_equal(pieces[0]["gap"], pieces[1]["gap"])
 
 
 def test_a_noise_is_the_same_with_and_without_the_others(small):
     _, every, pieces = small
-    alone = Settings(robot="ur3", seed=3, noises=("±6 cm",), arm_every=0)
+    alone = Settings(robot="ur3", seed=3, noises=("±6 cm",), estimators=CHEAP, arm_every=0)
     piece = work(Task(settings=alone, shape="sphere", index=2, count=every[2].count))
     assert every[2].count == 100
     for name in piece:
@@ -81,6 +89,21 @@ def test_two_processes_give_what_one_gives(small, tmp_path):
     with sweep.local(2) as executor:
         found = merged_by(executor, every, tmp_path, 2)
     assert all(same(a, b) for a, b in zip(found, pieces, strict=True))
+
+
+def test_all_estimators_are_the_same_in_another_process_and_after_other_scenes():
+    """The bound remembers what it was asked: here first the scenes in one order, there in another."""
+    settings = Settings(robot="ur3", seed=3, arm_every=0)
+    every = [Task(settings=settings, shape="sphere", index=i, count=40) for i in range(4)]
+    here = [work(task) for task in every]
+    assert {name.split(".")[1] for name in here[0] if name.startswith("none.")} >= set(ESTIMATORS)
+    with sweep.local(1) as executor:
+        there = list(executor.map(work, every[::-1]))[::-1]
+    assert all(same(a, b) for a, b in zip(here, there, strict=True))
+    for piece in here:
+        apart = piece["link"] > 0.0
+        for noise, name in itertools.product(("none", "1 mm", "±6 cm"), BOUNDS):
+            assert np.all(piece[f"{noise}.{name}"][apart] <= piece["link"][apart])
 
 
 def test_a_dask_cluster_gives_what_one_process_gives(small, tmp_path):
@@ -116,7 +139,7 @@ def results(done):
 
 
 def test_a_run_that_was_killed_goes_on_to_the_same_result(tmp_path):
-    sized = ("--scenes", "6000", "--workers", "0")
+    sized = ("--scenes", "4000", "--workers", "0", "--estimators", *CHEAP)
     options = {"cwd": ROOT, "capture_output": True, "text": True, "timeout": 100}
     whole = subprocess.run(bench(*sized, "--out", str(tmp_path / "whole")), **options)
     with subprocess.Popen(
@@ -143,7 +166,7 @@ def test_a_run_that_was_killed_goes_on_to_the_same_result(tmp_path):
 @pytest.fixture(scope="module")
 def balls():
     """Ideal ball scenes, no arm: cheap enough for statistics."""
-    settings = Settings(robot="ur3", seed=11, noises=("none",), arm_every=0)
+    settings = Settings(robot="ur3", seed=11, noises=("none",), estimators=("nearest",), arm_every=0)
     pieces = [work(task) for task in tasks(settings, {"sphere": 30_000})]
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
 
@@ -156,6 +179,16 @@ def test_who_sees_what_is_as_the_text_says(balls):
     error = [row["standard_error"] for row in rows[:3]]
     assert abs(two[0] - 0.16) < 0.005 + 4.0 * error[0]
     assert abs(two[1] - 0.05) < 0.005 + 4.0 * error[1]
+
+
+def test_two_sensors_see_a_ball_as_far_as_geometry_allows(balls, robot):
+    """Midway in the plane, the ball touches the near edge of both cones: ρ·sin(π/8 − α) + r·sin α = R."""
+    ring = robot.rings[0]
+    rho = (0.05 - ring.radius * math.sin(ring.half_angle)) / math.sin(math.pi / 8.0 - ring.half_angle)
+    farthest = rho - 0.05 - ring.radius
+    assert farthest == pytest.approx(0.1227, abs=1e-4)
+    seen = balls["gap"][balls["none.echoes"] >= 2]
+    assert 0.1 < seen.max() < farthest
 
 
 def test_a_wrong_ring_does_not_agree(balls):
@@ -285,7 +318,7 @@ def test_figures_of_a_stratum():
 
 
 def test_the_edges_belong_to_the_nearer_zone():
-    row = zones(np.array([0.1775, 0.355, 0.356]), np.array([0.356, 0.1775, math.nan]), (0.1775, 0.355))
+    row = zones(np.array([0.1775, 0.355, 0.356]), np.array([0.356, 0.1775, math.inf]), (0.1775, 0.355))
     assert row["zones"] == [[0, 0, 1], [1, 0, 0], [0, 0, 1]]
     assert row["unsafe"] == row["too_strict"] == pytest.approx(1 / 3)
 
