@@ -44,6 +44,7 @@ class LinkGeometry:
         """
         self._meshes: list[Array] = []
         self._primitives: list[tuple[Any, Array]] = []
+        self._kept: tuple[float, list[tuple[Array, Any]]] | None = None
         corners = []
         to_joint = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)].placement
         for index in robot.geometry_of_link[link]:
@@ -86,13 +87,9 @@ class LinkGeometry:
         Returns:
             (n, 3) [m], link frame, and (n,) [m²]: at most D² and at least D² − ϱ²; 0 in primitive shapes.
         """
-        from scipy.spatial import cKDTree  # a tenth of a second to import
-
         near, best = np.empty_like(points), np.full(len(points), np.inf)
-        for mesh in self._meshes:
-            samples = _samples(mesh, covering)
-            found: Any = cKDTree(samples, leafsize=_LEAF).query(points, workers=-1)
-            distances, index = found
+        for samples, tree in self._sampled(covering):
+            distances, index = tree.query(points, workers=-1)
             squared = distances * distances - covering * covering
             better = squared < best
             near[better], best[better] = samples[index[better]], squared[better]
@@ -103,6 +100,15 @@ class LinkGeometry:
             better = squared < best
             near[better], best[better] = placed[better], squared[better]
         return near, np.maximum(best, 0.0)
+
+    def _sampled(self, covering: float) -> list[tuple[Array, Any]]:
+        """Return each mesh's samples with a tree of them; those of the last spacing asked for are kept."""
+        from scipy.spatial import cKDTree  # a tenth of a second to import
+
+        if self._kept is None or self._kept[0] != covering:
+            samples = [_samples(mesh, covering) for mesh in self._meshes]
+            self._kept = covering, [(some, cKDTree(some, leafsize=_LEAF)) for some in samples]
+        return self._kept[1]
 
 
 def _sizes(shape: Any) -> list[float]:

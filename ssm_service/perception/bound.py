@@ -42,7 +42,8 @@ class LowerBound:
     and g and h the least distance of c from a sector to avoid and the greatest from one to meet, these are
     h(c) ≤ R ≤ min(g(c), D(c)), and D(c) − R is to be least. With ``many`` obstacles the echoes may be
     others': h falls away, as for echoes of the arm's own links, and R_min is as good as any (a ball in the
-    ball). Noise may turn an echo beyond range_max − ε into silence, and one beyond range_max into an echo.
+    ball); but each echo must be explained by some ball. Noise may turn an echo beyond range_max − ε into
+    silence, and one beyond range_max into an echo.
 
     D is tabulated from below (see ``LinkDistance``) and single echoes are rounded to 0.25 mm to the safe
     side, so the bound is never above the infimum, and within 1 mm of it where the link has no deep hollows.

@@ -12,30 +12,32 @@ from .sectors import cone_coordinates, ray_gradient, sector_distance, sector_gra
 
 ROOM = 1e-7  # [m]; a ball may reach this much into a sector that it should only graze: rounding
 COLUMNS = 12  # constraints that a certificate weighs, at most
-SWEEPS = 12  # of its coordinate descent
+SWEEPS = 8  # of its coordinate descent
 
 
 @compiled
-def look(task: Any, x: float, y: float, z: float) -> Any:
-    """Return D from below, g (least distance from a sector to avoid), h (greatest from one to meet), e [m].
+def look(task: Any, x: float, y: float, z: float, reach: float) -> Any:
+    """Return g (least distance from a sector to avoid), h (greatest from one to meet) and e [m].
 
     A ball that grazes the edge of a cone nearer than an echo's low touches both sectors, without being such
     an echo: the point where it comes nearest to the edge lies beyond low, t ≥ low. e is the least t − low.
+    Where no ball with its centre within ``reach`` is admissible, h is inf.
     """
-    levels, values, box, _, sensors, lows, highs, _, _ = task
-    squared = squared_minus(levels, values, box, x, y, z) + (x * x + y * y + z * z)
+    _, _, _, _, sensors, lows, highs, radius_min, radius_max = task
     g, h, e = math.inf, 0.0, math.inf
     for i in range(len(lows)):
-        if lows[i] <= 0.0 and highs[i] == math.inf:
-            continue
         t, b = cone_coordinates(sensors[i], x, y, z)
         if lows[i] > 0.0:
             g = min(g, sector_distance(t, b, lows[i]))
+            if g + reach + ROOM < radius_min:
+                return g, math.inf, e
         if highs[i] < math.inf:
             h = max(h, sector_distance(t, b, highs[i]))
             if lows[i] > 0.0:
                 e = min(e, t - lows[i])
-    return math.sqrt(max(0.0, squared)), g, h, e
+            if h - reach - ROOM > radius_max or e + reach + ROOM < 0.0:
+                return g, math.inf, e
+    return g, h, e
 
 
 @compiled
@@ -116,7 +118,7 @@ def certificate(task: Any, m: Any, least: float, most: float, work: Any) -> Any:
             e2 += step * c[2]
             e3 += step * c[3]
             change = max(change, abs(step))
-        if change < 1e-3:
+        if change < 1e-2:
             break
     best = math.inf
     for j in range(8):
@@ -153,15 +155,16 @@ def box_bound(task: Any, m: Any, limit: float, work: Any, found: Any) -> Any:
     """
     levels, values, box, points, _, _, _, radius_min, radius_max = task
     reach = math.sqrt(m[3] * m[3] + m[4] * m[4] + m[5] * m[5])
-    distance, g, h, e = look(task, m[0], m[1], m[2])
-    if e + reach < -ROOM:
-        return math.inf
+    x, y, z = m[0], m[1], m[2]
+    g, h, e = look(task, x, y, z, reach)
     least = max(radius_min, h - reach - ROOM)
     most = min(radius_max, g + reach + ROOM)
     if least > most:
         return math.inf
-    if distance - reach < radius_max:
-        farthest = upper(levels, values, box, points, m[0], m[1], m[2])
+    squared = squared_minus(levels, values, box, x, y, z) + (x * x + y * y + z * z)
+    distance = math.sqrt(max(0.0, squared))
+    if distance < radius_max:  # else D says nothing of R
+        farthest = upper(levels, values, box, points, x, y, z)
         if farthest + reach < least:
             return math.inf
         most = min(most, farthest + reach)
@@ -171,7 +174,7 @@ def box_bound(task: Any, m: Any, limit: float, work: Any, found: Any) -> Any:
     if radius >= max(radius_min, h - ROOM) and e >= -ROOM:
         gap = max(0.0, distance - radius)
         if gap < found[0]:
-            found[0], found[1], found[2], found[3], found[4] = gap, m[0], m[1], m[2], radius
+            found[0], found[1], found[2], found[3], found[4] = gap, x, y, z, radius
     bound = max(0.0, distance - reach - most)
     if bound < limit and 0.0 < reach < 0.06:
         bound = max(bound, certificate(task, m, least, most, work))

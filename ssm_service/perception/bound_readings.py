@@ -9,9 +9,12 @@ import numpy as np
 
 from ..model.link_table import compiled
 from .bound_search import MOST, search
+from .sectors import cone_coordinates, sector_distance
 
 STEP = 2.5e-4  # [m]; single echoes are rounded to this, to the safe side
 TOLERANCE = 3e-4  # [m]; of a search
+SMALLEST = 5e-5  # [m]; half diagonal of its boxes
+SMALLEST_SINGLE = 3e-4  # [m]; the same with one echo, where nothing is nearly contradictory
 
 
 @compiled
@@ -34,8 +37,10 @@ def limits(sensor: Any, reading: float, error: float) -> Any:
 
 
 @compiled
-def solve(link: Any, sensors: Any, lows: Any, highs: Any, radii: Any, found: Any) -> Any:
-    """Return the bound for given sectors [m], inf where no ball is admissible.
+def solve(
+    link: Any, sensors: Any, lows: Any, highs: Any, radii: Any, limit: float, tolerance: float, found: Any
+) -> Any:
+    """Return the bound for given sectors [m], ``limit`` where no ball is admissible that comes nearer.
 
     Args:
         link: Distance table: levels, values, box, near points.
@@ -43,8 +48,11 @@ def solve(link: Any, sensors: Any, lows: Any, highs: Any, radii: Any, found: Any
         lows: (k,) [m].
         highs: (k,) [m].
         radii: (2,) least and greatest [m].
-        found: (5,) gap, centre and radius of the ball found; written.
+        limit: What need not be passed [m]; inf for none.
+        tolerance: Of the search [m]; inf where any ball will do.
+        found: (5,) gap, centre and radius of the ball found; written. The gap is ``limit`` without one.
     """
+    found[0] = limit
     levels, values, box, points = link
     least, most = radii[0], radii[0]  # unseen, the least ball comes nearest, as it fits into any other
     root = np.empty(6)
@@ -69,12 +77,28 @@ def solve(link: Any, sensors: Any, lows: Any, highs: Any, radii: Any, found: Any
             upper[a] = box[a + 3] + reach + 3.0 * least
     for a in range(3):
         if lower[a] >= upper[a]:
-            return math.inf
+            return limit
         root[a], root[a + 3] = 0.5 * (lower[a] + upper[a]), 0.5 * (upper[a] - lower[a])
-    found[0] = math.inf
-    task = (levels, values, box, points, sensors, lows, highs, least, most)
-    bound, _ = search(task, root, TOLERANCE, MOST, found)
-    return bound
+    # Echoes first, as they exclude most; sensors that the root box has nothing to do with are left out.
+    reach = math.sqrt(root[3] * root[3] + root[4] * root[4] + root[5] * root[5])
+    kept_sensors, kept_lows, kept_highs = np.empty_like(sensors), np.empty_like(lows), np.empty_like(lows)
+    kept, echoes = 0, 0
+    for silent in range(2):
+        for i in range(len(lows)):
+            if (highs[i] == math.inf) != (silent == 1) or (silent == 1 and lows[i] <= 0.0):
+                continue
+            if silent == 1:
+                t, b = cone_coordinates(sensors[i], root[0], root[1], root[2])
+                if sector_distance(t, b, lows[i]) > most + reach + 1e-5:
+                    continue
+            kept_sensors[kept], kept_lows[kept], kept_highs[kept] = sensors[i], lows[i], highs[i]
+            kept += 1
+            echoes += 1 - silent
+    chosen = kept_sensors[:kept], kept_lows[:kept], kept_highs[:kept]
+    task = (levels, values, box, points, chosen[0], chosen[1], chosen[2], least, most)
+    smallest = SMALLEST_SINGLE if echoes == 1 else SMALLEST
+    bound, _ = search(task, root, tolerance, smallest, MOST, found)
+    return min(bound, limit)
 
 
 @compiled
@@ -95,6 +119,48 @@ def _meet(sensor: Any, length: float, margin: float, lower: Any, upper: Any) -> 
 
 
 @compiled
+def hidden(
+    link: Any, sensors: Any, lows: Any, highs: Any, radii: Any, error: float, silent: float, found: Any
+) -> Any:
+    """Return the bound where another ball than those of the echoes may hide; inf where one is not explained.
+
+    A ball that comes nearer than the silent bound meets the sector that silence would have kept free of one
+    of the sensors with an echo, but none up to the reading. The least ball comes nearest. And each echo must
+    be that of some ball.
+
+    Args:
+        link: As for ``solve``.
+        sensors: (k, 10).
+        lows: (k,) [m].
+        highs: (k,) of echoes to be explained, else inf [m].
+        radii: (2,) [m].
+        error: ε [m].
+        silent: The silent bound [m].
+        found: (5,) written; the gap inf where the silent bound stands.
+    """
+    best = silent
+    chosen, other = np.empty(5), np.full(len(lows), math.inf)
+    chosen[:] = math.inf
+    for i in range(len(lows)):
+        if highs[i] < math.inf:
+            other[i] = highs[i]
+            if solve(link, sensors, lows, other, radii, math.inf, math.inf, found) == math.inf:
+                return math.inf
+            other[i] = math.inf
+    for i in np.argsort(lows):  # the nearest first: it leaves the others least to do
+        free = limits(sensors[i], math.inf, error)[0]
+        if lows[i] < free:
+            other[i] = free
+            bound = solve(link, sensors, lows, other, radii[:1].repeat(2), best, TOLERANCE, found)
+            if bound < best:
+                best = bound
+                chosen[:] = found
+            other[i] = math.inf
+    found[:] = chosen
+    return best
+
+
+@compiled
 def bound_of(
     link: Any, sensors: Any, radii: Any, rules: Any, memory: Any, readings: Any, own: Any, found: Any
 ) -> Any:
@@ -110,33 +176,36 @@ def bound_of(
         own: (k,) which echoes are known to be the arm's.
         found: (5,) written: gap, centre, radius of the ball that attains it, to the search's tolerance.
     """
-    error, many = rules[0], rules[1] != 0.0
-    count, echoes, which = len(readings), 0, -1
+    error, silent = rules[0], rules[2]
+    count, echoes, which, place = len(readings), 0, -1, -1
     for i in range(count):
         if readings[i] < math.inf:
             echoes += 1
             which = i
-    lows, highs = np.empty(count), np.empty(count)
+    if echoes == 1 and not own[which] and readings[which] < STEP * memory.shape[1]:
+        place = int(readings[which] / STEP)
+        kept = memory[which, place]
+        if not math.isnan(kept[0]):
+            found[:] = kept[1:]
+            return kept[0]
+    lows, highs, any_high = np.empty(count), np.empty(count), False
     for i in range(count):
         lows[i], highs[i] = limits(sensors[i], readings[i], error)
-        if many or own[i]:
+        if own[i]:
             highs[i] = math.inf
-    if echoes != 1 or own[which]:
-        return solve(link, sensors, lows, highs, radii, found)
-    place = int(readings[which] / STEP)
-    if place >= memory.shape[1]:
-        return solve(link, sensors, lows, highs, radii, found)
-    kept = memory[which, place]
-    if math.isnan(kept[0]):
+    if place >= 0:
         lows[which] = limits(sensors[which], place * STEP, error)[0]
-        if not many:
-            highs[which] = limits(sensors[which], (place + 1) * STEP, error)[1]
-        bound = solve(link, sensors, lows, highs, radii, found)
-        kept[1:] = found
-        kept[0] = bound  # last: another thread may be reading
-        return bound
-    found[:] = kept[1:]
-    return kept[0]
+        highs[which] = limits(sensors[which], (place + 1) * STEP, error)[1]
+    for i in range(count):
+        any_high = any_high or highs[i] < math.inf
+    if not math.isnan(silent) and (rules[1] != 0.0 or not any_high):
+        bound = hidden(link, sensors, lows, highs, radii, error, silent, found)
+    else:
+        bound = solve(link, sensors, lows, highs, radii, math.inf, TOLERANCE, found)
+    if place >= 0:
+        memory[which, place, 1:] = found
+        memory[which, place, 0] = bound  # last: another thread may be reading
+    return bound
 
 
 @compiled

@@ -10,12 +10,11 @@ import numpy as np
 from ..model.link_table import compiled
 from .bound_box import box_bound, scratch
 
-SMALLEST = 5e-5  # [m]; half diagonal of boxes that are not cut further
 MOST = 400_000  # boxes; then the bound reached so far is returned
 
 
 @compiled
-def search(task: Any, root: Any, tolerance: float, most: int, found: Any) -> Any:
+def search(task: Any, root: Any, tolerance: float, smallest: float, most: int, found: Any) -> Any:
     """Return a lower bound of the gap of all admissible balls [m], at most ``tolerance`` or so below it.
 
     Boxes of centres are cut in half in the order of their bounds. The least of the bounds of the boxes still
@@ -27,6 +26,7 @@ def search(task: Any, root: Any, tolerance: float, most: int, found: Any) -> Any
             none; least and greatest radius [m].
         root: (6,) centre and half edges of a box that holds the centres in question [m].
         tolerance: [m].
+        smallest: Half diagonal of boxes that are not cut further [m].
         most: Boxes to look at, at most.
         found: (5,) gap, centre and radius of a ball found; the gap inf on entry.
 
@@ -48,7 +48,7 @@ def search(task: Any, root: Any, tolerance: float, most: int, found: Any) -> Any
         m = boxes[top]
         if bound >= found[0] - tolerance or used >= most:
             return min(bound, found[0]), used
-        if m[3] * m[3] + m[4] * m[4] + m[5] * m[5] < SMALLEST * SMALLEST:
+        if m[3] * m[3] + m[4] * m[4] + m[5] * m[5] < smallest * smallest:
             return bound, used
         open_ -= 1
         if open_ > 0:
