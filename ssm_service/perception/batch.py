@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..model import Obstacle, SensorArray
-from .compiled import compiled
-from .cone_kernels import ball_in_cone, box_in_cone, capsule_in_cone
+from .cone_kernels import read_boxes, read_capsules, read_spheres
 from .reading import cone_reading
 
 
@@ -42,7 +41,7 @@ class ArrayScan:
             InputError: ``wrong_length``, ``not_finite`` or ``out_of_range``.
         """
         at = _points("centres", centres)
-        return self._read(_spheres, len(at), at, _sizes("radii", radii, (len(at),)))
+        return self._read(read_spheres, len(at), at, _sizes("radii", radii, (len(at),)))
 
     def capsules(self, starts: ArrayLike, ends: ArrayLike, radii: ArrayLike) -> NDArray[np.float64]:
         """Return the readings of N scenes of one capsule each, (N, k) [m].
@@ -58,7 +57,7 @@ class ArrayScan:
         start, end = _points("starts", starts), _points("ends", ends)
         if start.shape != end.shape:
             raise InputError("wrong_length", "ends", end.shape, f"as many as starts: {start.shape}")
-        return self._read(_capsules, len(start), start, end, _sizes("radii", radii, (len(start),)))
+        return self._read(read_capsules, len(start), start, end, _sizes("radii", radii, (len(start),)))
 
     def boxes(self, centres: ArrayLike, rotations: ArrayLike, sizes: ArrayLike) -> NDArray[np.float64]:
         """Return the readings of N scenes of one box each, (N, k) [m].
@@ -77,7 +76,7 @@ class ArrayScan:
             raise InputError("wrong_length", "rotations", turns.shape, f"({len(at)}, 3, 3)")
         if not np.isfinite(turns).all():
             raise InputError("not_finite", "rotations", "a value that is not", "finite numbers")
-        return self._read(_boxes, len(at), at, turns, 0.5 * _sizes("sizes", sizes, (len(at), 3)))
+        return self._read(read_boxes, len(at), at, turns, 0.5 * _sizes("sizes", sizes, (len(at), 3)))
 
     def scan(
         self, obstacles: Sequence[Obstacle], transform_link_to_base: NDArray[np.float64]
@@ -150,66 +149,3 @@ def _sizes(where: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.
     if not ((sizes > 0.0) & (sizes < math.inf)).all():
         raise InputError("out_of_range", where, "a size that is not", "above 0 and finite")
     return sizes
-
-
-@compiled
-def _spheres(
-    centres: NDArray[np.float64],
-    radii: NDArray[np.float64],
-    apexes: NDArray[np.float64],
-    looks: NDArray[np.float64],
-    cos: NDArray[np.float64],
-    sin: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> None:
-    for n in range(len(centres)):
-        for k in range(len(apexes)):
-            u = looks[k]
-            x, y, z = centres[n, 0] - apexes[k, 0], centres[n, 1] - apexes[k, 1], centres[n, 2] - apexes[k, 2]
-            along = x * u[0] + y * u[1] + z * u[2]
-            x, y, z = x - along * u[0], y - along * u[1], z - along * u[2]
-            out[n, k] = ball_in_cone(along, math.sqrt(x * x + y * y + z * z), radii[n], cos[k], sin[k])
-
-
-@compiled
-def _capsules(
-    starts: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    radii: NDArray[np.float64],
-    apexes: NDArray[np.float64],
-    looks: NDArray[np.float64],
-    cos: NDArray[np.float64],
-    sin: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> None:
-    for n in range(len(starts)):
-        p, q = starts[n], ends[n]
-        for k in range(len(apexes)):
-            a, u = apexes[k], looks[k]
-            out[n, k] = capsule_in_cone(
-                p[0] - a[0], p[1] - a[1], p[2] - a[2], q[0] - a[0], q[1] - a[1], q[2] - a[2], radii[n],
-                u[0], u[1], u[2], cos[k], sin[k],
-            )  # fmt: skip
-
-
-@compiled
-def _boxes(
-    centres: NDArray[np.float64],
-    rotations: NDArray[np.float64],
-    halves: NDArray[np.float64],
-    apexes: NDArray[np.float64],
-    looks: NDArray[np.float64],
-    cos: NDArray[np.float64],
-    sin: NDArray[np.float64],
-    out: NDArray[np.float64],
-) -> None:
-    a, u = np.empty(3), np.empty(3)
-    for n in range(len(centres)):
-        h, R = halves[n], rotations[n]
-        for k in range(len(apexes)):
-            for i in range(3):
-                a[i] = u[i] = 0.0
-                for j in range(3):
-                    a[i] += R[j, i] * (apexes[k, j] - centres[n, j])
-                    u[i] += R[j, i] * looks[k, j]
-            out[n, k] = box_in_cone(h[0], h[1], h[2], a[0], a[1], a[2], u[0], u[1], u[2], cos[k], sin[k])
