@@ -10,6 +10,7 @@ import typer
 from .._version import __version__
 from ..errors import SsmError
 from .check import check
+from .coverage import coverage
 from .demo import demo
 from .evaluate import evaluate
 from .output import FAILED, abandon_stdout, emit, log, status_of
@@ -31,7 +32,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (demo, run, sim, zone, watch, evaluate, check, schema):
+for command in (demo, run, sim, zone, watch, evaluate, coverage, check, schema):
     app.command()(command)
 
 

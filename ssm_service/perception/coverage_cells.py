@@ -18,10 +18,12 @@ class Cells:
     Attributes:
         centres: (n, 3).
         half: (3,) half edges; an axis of half edge 0 is never split.
+        marks: (n,) what is known of each all over, which its halves inherit; None: nothing.
     """
 
     centres: Array
     half: Array
+    marks: NDArray[np.intp] | None = None
 
     @classmethod
     def filling(cls, lower: Array, upper: Array, edges: Array) -> Cells:
@@ -46,7 +48,12 @@ class Cells:
 
     def where(self, mask: NDArray[np.bool_]) -> Cells:
         """Return the cells of a mask, (n,)."""
-        return Cells(centres=self.centres[mask], half=self.half)
+        marks = None if self.marks is None else self.marks[mask]
+        return Cells(centres=self.centres[mask], half=self.half, marks=marks)
+
+    def marked(self, marks: NDArray[np.intp]) -> Cells:
+        """Return the same cells with marks."""
+        return Cells(centres=self.centres, half=self.half, marks=marks)
 
     def split(self) -> Cells:
         """Halve every cell along each axis."""
@@ -54,9 +61,14 @@ class Cells:
         signs = [(-1.0, 1.0) if h > 0.0 else (0.0,) for h in half]
         shifts = np.array(list(itertools.product(*signs))) * half
         centres = (self.centres[:, np.newaxis, :] + shifts).reshape(-1, 3)
-        return Cells(centres=centres, half=half)
+        marks = None if self.marks is None else np.repeat(self.marks, len(shifts))
+        return Cells(centres=centres, half=half, marks=marks)
 
     def blocks(self, size: int) -> list[Cells]:
         """Cut into blocks of at most ``size`` cells, in order."""
-        starts = range(0, len(self.centres), size)
-        return [Cells(centres=self.centres[start : start + size], half=self.half) for start in starts]
+        parts = [slice(start, start + size) for start in range(0, len(self.centres), size)]
+        marks = [None if self.marks is None else self.marks[part] for part in parts]
+        return [
+            Cells(centres=self.centres[part], half=self.half, marks=mark)
+            for part, mark in zip(parts, marks, strict=True)
+        ]

@@ -83,11 +83,11 @@ class Cones:
         return distances
 
     def counts(self, centres: Array, radii: Array) -> NDArray[np.int64]:
-        """Return how many sensors see each of the balls, (n,).
+        """Return how many sensors see balls of several radii at each centre, (r, n).
 
         Args:
             centres: (n, 3) [m].
-            radii: (n,) [m]; where it is negative, none does.
+            radii: (r,) [m]; if negative, none does.
         """
         from .coverage_loops import counts
 

@@ -81,6 +81,9 @@ def clear_distance(link: SensedLink, radius: float, limit: float, resolution: fl
         unseen = link.cones.least_distances(cells.centres)
         keep = unseen + cells.diagonal > radius
         cells, unseen = cells.where(keep), unseen[keep]
+        rough = link.body.lower(cells.centres)
+        keep = rough - cells.diagonal - radius < best
+        cells, unseen = cells.where(keep), unseen[keep]
         near, far = link.distances(cells.centres)
         gaps = np.where((unseen > radius) & (near >= radius), far - radius, np.inf)
         if len(gaps) and gaps.min() < best:
@@ -119,6 +122,8 @@ def largest_unseen(link: SensedLink, cap: float = 0.5, resolution: float = 0.001
     best, witness, upper = 0.0, None, cap
     while True:
         unseen = link.cones.least_distances(cells.centres)
+        keep = unseen + 2.0 * cells.diagonal > link.body.lower(cells.centres)
+        cells, unseen = cells.where(keep), unseen[keep]
         near, far = link.distances(cells.centres)
         radii = np.where(unseen > far, near, 0.0)
         if len(radii) and radii.max() > best:

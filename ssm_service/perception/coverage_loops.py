@@ -43,27 +43,12 @@ def least(centres: Array, apexes: Array, axes: Array, cos: Array, sin: Array, re
 def counts(
     centres: Array, radii: Array, apexes: Array, axes: Array, cos: Array, sin: Array, reaches: Array
 ) -> NDArray[np.int64]:
-    """Return how many sectors lie within each radius, (n,) [m], of each centre, (n, 3), (n,)."""
-    result = np.zeros(len(centres), dtype=np.int64)
+    """Return how many sectors lie within each radius, (r,) [m], of each centre, (n, 3), (r, n)."""
+    result = np.zeros((len(radii), len(centres)), dtype=np.int64)
     for n in range(len(centres)):
         for k in range(len(apexes)):
-            if sector_distance(centres[n], apexes[k], axes[k], cos[k], sin[k], reaches[k]) <= radii[n]:
-                result[n] += 1
-    return result
-
-
-@compiled
-def least_squared(centres: Array, points: Array) -> Array:
-    """Return the squared distance of each centre, (n, 3), from the nearest point, (m, 3), (n,) [m²]."""
-    result = np.empty(len(centres))
-    for n in range(len(centres)):
-        best = np.inf
-        for k in range(len(points)):
-            dx, dy, dz = (
-                centres[n, 0] - points[k, 0],
-                centres[n, 1] - points[k, 1],
-                centres[n, 2] - points[k, 2],
-            )
-            best = min(best, dx * dx + dy * dy + dz * dz)
-        result[n] = best
+            distance = sector_distance(centres[n], apexes[k], axes[k], cos[k], sin[k], reaches[k])
+            for r in range(len(radii)):
+                if distance <= radii[r]:
+                    result[r, n] += 1
     return result

@@ -73,12 +73,18 @@ def place_shares(link: SensedLink, radius: float, edges: Array, resolution: floa
     """
     edges = _checked(radius, edges, resolution)
 
+    def _bins(gaps: Array) -> Integers:
+        return np.searchsorted(edges, gaps, side="right") - 1
+
     def judge(cells: Cells) -> _Verdict:
-        near, far = link.distances(cells.centres)
         reach = cells.diagonal
-        gaps = 0.5 * (near + far) - radius, near - reach - radius, far + reach - radius
-        bins = tuple(np.searchsorted(edges, gap, side="right") - 1 for gap in gaps)
-        return _Verdict(bins=bins, classes=_classes(link, cells.centres, radius, reach))  # type: ignore[arg-type]
+        known = np.full(len(cells.centres), -1) if cells.marks is None else cells.marks
+        bins, first, last = known.copy(), known.copy(), known.copy()
+        open_ = known < 0
+        near, far = link.distances(cells.centres[open_])
+        bins[open_] = _bins(0.5 * (near + far) - radius)
+        first[open_], last[open_] = _bins(near - reach - radius), _bins(far + reach - radius)
+        return _Verdict(bins=(bins, first, last), classes=_classes(link, cells.centres, radius, reach))
 
     return _integrate(link.cells(radius + edges[-1], 0.064), judge, edges, resolution)
 
@@ -139,10 +145,8 @@ def ring_shares(
 def _classes(
     link: SensedLink, centres: Array, radius: float, reach: float
 ) -> tuple[Integers, Integers, Integers]:
-    found = []
-    for change in (0.0, -reach, reach):
-        counts = link.cones.counts(centres, np.full(len(centres), radius + change))
-        found.append(np.minimum(counts, CLASSES - 1).astype(np.intp))
+    radii = np.array([radius, radius - reach, radius + reach])
+    found = np.minimum(link.cones.counts(centres, radii), CLASSES - 1).astype(np.intp)
     return found[0], found[1], found[2]
 
 
@@ -170,7 +174,8 @@ def _integrate(
         if not open_.any():
             continue
         if float((2.0 * block.half * scale).max()) > resolution * (1.0 + 1e-9):
-            stack += block.where(open_).split().blocks(_BLOCK)
+            sure_bins = np.where(first == last, bins, -1)  # need not be asked for again
+            stack += block.marked(sure_bins).where(open_).split().blocks(_BLOCK)
             continue
         inside = open_ & (bins >= 0) & (bins < count)
         np.add.at(guess, (bins[inside], classes[inside]), volume)
