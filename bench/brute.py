@@ -16,7 +16,7 @@ from ssm_service.model.hulls import triangles
 from ssm_service.perception import sphere_readings
 
 SAMPLES = 120_000
-STARTS, KEPT, TRIES, ROUNDS = 10_000, 16, 32, 90
+NEAR, STARTS, KEPT, TRIES, ROUNDS = 1_000, 10_000, 12, 40, 220
 PENALTY = 50.0  # [m] of distance for each metre by which a ball fails to explain the readings
 
 Array = NDArray[np.float64]
@@ -119,8 +119,13 @@ def least_ball(
     turn, off = rng.uniform(0.0, 2.0 * math.pi, STARTS), width * np.sqrt(rng.random(STARTS))
     local = [rng.uniform(-0.5 * most, far + most, STARTS), off * np.cos(turn), off * np.sin(turn)]
     centres = np.column_stack(local) @ T_link_sensor[:3, :3].T + T_link_sensor[:3, 3]
-    centres = np.concatenate([hints[0], centres])
-    radii = np.concatenate([np.clip(hints[1], least, most), rng.uniform(least, most, STARTS)])
+    # Hints may only just miss the edge of a cone: balls round them, ever nearer, do not.
+    scale = 10.0 ** -rng.uniform(2.0, 6.0, (NEAR, len(hints[0]), 1))
+    near = (hints[0] + scale * rng.normal(size=(NEAR, *hints[0].shape))).reshape(-1, 3)
+    sizes = (hints[1] + scale[..., 0] * rng.normal(size=(NEAR, len(hints[1])))).ravel()
+    centres = np.concatenate([hints[0], near, centres])
+    radii = np.concatenate([hints[1], sizes, rng.uniform(least, most, STARTS)])
+    radii = np.clip(radii, least, most)
 
     def price(where: Array, size: Array) -> tuple[Array, Array, Array]:
         distance = truth.fast(where)

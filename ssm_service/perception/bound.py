@@ -24,8 +24,9 @@ class Bound:
     Attributes:
         distance: No admissible obstacle that explains the readings is nearer to the link [m]; None where
             there is none: the readings contradict the assumptions.
-        centre: (3,) of the ball that comes so near, link frame [m]; None with ``distance``.
-        radius: Its radius [m]; None with ``distance``.
+        centre: (3,) of the nearest ball that the search met, link frame [m]; it may be some mm to cm farther
+            off, and graze cones to 1e-7 m. None with ``distance``, and where the search met none.
+        radius: Its radius [m]; None with ``centre``.
     """
 
     distance: float | None
