@@ -40,8 +40,7 @@ _AHEAD = 2  # pieces that wait for each worker: enough to keep it busy, few to t
 class Store:
     """The pieces that are done, one file each, ``NNNNNN.npz``.
 
-    A piece appears under its name all at once or not at all, whenever the run is ended. The folder belongs to
-    one set of settings (see ``key``): another one has another folder.
+    A piece appears under its name all at once or not at all. The folder is that of one ``key``.
 
     Attributes:
         folder: Where they are.
@@ -137,8 +136,7 @@ def merged(store: Store, indices: Sequence[int]) -> Arrays:
         FileNotFoundError: A piece is missing.
     """
     pieces = []
-    for index in indices:
-        piece = store.load(index)
+    for index, piece in ((index, store.load(index)) for index in indices):
         if piece is None:
             raise FileNotFoundError(f"piece {index} of {store.folder}")
         pieces.append(piece)
@@ -160,7 +158,7 @@ class Here(Executor):
 
 @contextmanager
 def local(workers: int) -> Iterator[Executor]:
-    """Give processes of this machine, which end with this one, also if it is killed; 0 gives none."""
+    """Give processes of this machine, which end with this one, also if it is killed; 0: this one."""
     if workers == 0:
         yield Here()
         return
@@ -174,10 +172,17 @@ def dask(address: str) -> Iterator[tuple[Executor, int]]:
     """Give a Dask cluster by its scheduler's address, and the number of its threads.
 
     Needs the extra: ``pip install ssm-service[dask]``. The workers need the package and this folder, too.
+
+    Raises:
+        TimeoutError: Nobody answers there.
     """
     from distributed import Client
 
-    with Client(address, timeout=30) as client:
+    try:
+        client = Client(address, timeout=30)
+    except OSError as error:
+        raise TimeoutError(str(error)) from error
+    with client:
         threads = sum(client.nthreads().values())
         yield client.get_executor(pure=False), max(1, threads)
 

@@ -7,8 +7,9 @@ where it was.
 
 The chunks of the sweep go through any executor of ``concurrent.futures``. Processes of this machine are the
 default (``--workers``). With the extra ``dask`` (``pip install ssm-service[dask]``) the same sweep runs on
-a cluster: start ``dask scheduler`` and, in this folder on each machine, ``dask worker ADDRESS``, then add
-``--dask tcp://HOST:8786``. A cluster's ports must not be open to strangers: whoever reaches them runs code.
+a cluster: start ``python -m dask scheduler`` and, in this folder on each machine, ``python -m dask worker
+tcp://HOST:8786 --nthreads 1 --nworkers auto``, then add ``--dask tcp://HOST:8786``. All need the same
+versions. A cluster's ports must not be open to strangers: whoever reaches them runs code.
 """
 
 from __future__ import annotations
@@ -156,6 +157,8 @@ def main() -> None:
         except KeyboardInterrupt:
             kept = "" if arguments.out is None else "; the same command goes on from here"
             sys.exit(f"interrupted{kept}")
+        except TimeoutError as error:
+            sys.exit(f"{arguments.dask or 'the executor'} does not answer: {error}")
         made = report(settings, scenes, found)
         seconds = time.perf_counter() - begin
         made.run = {"workers": arguments.dask or arguments.workers, "seconds": round(seconds, 1)}

@@ -18,6 +18,7 @@ UNSEEN_CLAIM, UNSEEN_ABOUT = 0.40, 0.05
 SEEN_CLAIMS = ((0.0, 0.05, 0.16), (0.05, 0.1, 0.05), (0.1, math.inf, 0.0))
 """From gap, to gap [m], share of the directions that two sensors see."""
 CHAMPION = "sphere_fit"
+RESAMPLES = 200
 UNSEEN_EDGES_M = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, math.inf)
 
 
@@ -96,5 +97,15 @@ def _duel(true: Floats, ours: Floats, theirs: Floats) -> Row:
         row["rival_p50"], row["rival_p95"] = np.percentile(np.abs(theirs - true), [50.0, 95.0]).tolist()
         row["median"], row["rival_median"] = (float(np.median(said - true)) for said in (ours, theirs))
         median, tail = row["p50"] < row["rival_p50"], row["p95"] < row["rival_p95"]
+        row["chance_p50"], row["chance_p95"] = _resampled(np.abs(ours - true), np.abs(theirs - true))
         row["wins"] = "both" if median and tail else "median" if median else "p95" if tail else "neither"
     return row
+
+
+def _resampled(ours: Floats, theirs: Floats) -> tuple[float, float]:
+    """Return in which share of resampled strata median and p95 are better: near 1 or 0 is beyond chance."""
+    picks = np.random.default_rng(len(ours)).integers(len(ours), size=(RESAMPLES, len(ours)))
+    better = np.percentile(ours[picks], [50.0, 95.0], axis=1) < np.percentile(
+        theirs[picks], [50.0, 95.0], axis=1
+    )
+    return float(better[0].mean()), float(better[1].mean())

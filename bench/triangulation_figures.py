@@ -12,6 +12,7 @@ import numpy as np
 
 from .common import Row, figure
 from .sweep import Arrays
+from .triangulation_estimators import BOUNDS
 from .triangulation_scenes import GAP_M, Floats
 from .triangulation_strata import ZONES
 
@@ -31,7 +32,9 @@ def draw_all(folder: Path, found: dict[str, Arrays], rows: list[Row], estimators
     balls = found["sphere"]
     figure(folder / "triangulation_error.png", 7.0, 4.5, lambda axes: _error(axes, balls, estimators))
     figure(folder / "triangulation_seen.png", 7.0, 4.0, lambda axes: _seen(axes, balls))
-    _polar(folder / "triangulation_polar.png", balls, [n for n in estimators if n != "as_printed"])
+    _polar(
+        folder / "triangulation_polar.png", balls, [n for n in estimators if n not in ("as_printed", *BOUNDS)]
+    )
     _zones(folder / "triangulation_zones.png", rows, estimators)
 
 
@@ -88,8 +91,11 @@ def _seen(axes: Any, found: Arrays) -> None:
 
 
 def _polar(path: Path, found: Arrays, estimators: Sequence[str]) -> None:
+    """Draw the estimators' maps; the bounds' errors are of another size and in the first figure."""
     from matplotlib.figure import Figure
 
+    if not estimators:
+        return
     shown = Figure(figsize=(4.0 * len(estimators), 4.3), layout="constrained")
     every = shown.subplots(1, len(estimators), subplot_kw={"projection": "polar"}, squeeze=False)[0]
     mesh = None

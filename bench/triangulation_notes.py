@@ -44,9 +44,9 @@ by shape, noise, stratum and estimator is in the JSON.
 
 WHY = (
     "Why: a single ring does not tell where along the link's axis an obstacle is. sphere_fit takes a typical "
-    "offset from the ring's plane. For what is in that plane this is some millimetres too near, and near the "
-    "ring that is as much as the whole error of nearest, whose two errors cancel there: the sensors' faces "
-    "stand proud of the link, and the offset is neglected. A person's trunk is no ball of the assumed radius."
+    "offset from the ring's plane, of a ball of its assumed radius: what is in that plane it puts too near, "
+    "what is farther off too far, and a forearm or a trunk is no such ball. Where resampling favours neither "
+    "side, the stratum is too small to tell."
 )
 
 

@@ -24,7 +24,7 @@ def reaching(draws: Draws, index: int, distances: DistanceModel, link: str, midd
     The person looks along the draw's bearing, walks past the ring's middle at up to ``ASIDE_M`` to the side
     (by the draw's axial offset) and holds the right arm out, raised or lowered towards the ring's
     height. Each step is what is left of the distance less the gap, so that nobody walks through the link; who
-    would pass it at more than the gap stops where the steps end.
+    would pass it at more than the gap stays where it was nearest.
 
     Args:
         draws: The scenes.
@@ -40,14 +40,18 @@ def reaching(draws: Draws, index: int, distances: DistanceModel, link: str, midd
     slope = min(1.0, max(-1.0, (float(middle[2]) - _SHOULDER_M) / _ARM_M))
     along = (forward[0], forward[1], slope)
     back = _START_M
-    limbs: list[Obstacle] = []
+    nearest: list[Obstacle] = []
+    least = math.inf
     for _ in range(_STEPS):
         x, y = (middle[:2] - back * forward + aside * left).tolist()
         limbs = list(person((x, y, -TABLE_M), heading, reach_along=along))
         distances.set_obstacles(limbs)
         pair = distances.nearest(draws.positions[index], link)
         left_over = pair.distance - gap if pair is not None else 0.0
+        if left_over >= least:
+            break
+        nearest, least = limbs, left_over
         if left_over < _CLOSE_M:
             break
         back -= left_over
-    return limbs
+    return nearest

@@ -163,6 +163,10 @@ def lost(contests: list[Row]) -> list[str]:
     lines = []
     fought = [row for row in contests if row["scenes"] >= FEWEST and row["wins"] != "both"]
     for (shape, noise), rows in itertools.groupby(fought, key=lambda row: (row["shape"], row["noise"])):
-        found = [f"{r['stratum']} against {r['rival']} (better in {r['wins']})" for r in rows]
+        found = [
+            f"{r['stratum']} against {r['rival']} (better in {r['wins']}; resampled, better in the median in "
+            f"{100.0 * r['chance_p50']:.0f} % and in p95 in {100.0 * r['chance_p95']:.0f} %)"
+            for r in rows
+        ]
         lines.append(f"{shape}, {noise}: " + "; ".join(found))
     return lines
