@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a function at its first call, with a cache on disk where one can be kept."""
-    try:
-        return numba.njit(cache=True, error_model="numpy")(function)
-    except (RuntimeError, OSError):  # no place to write to: compiled in every process
-        return numba.njit(error_model="numpy")(function)
+from .compiled import compiled
 
 
 @compiled

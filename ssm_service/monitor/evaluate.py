@@ -136,7 +136,12 @@ class Evaluator:
         if question.ranges is not None and self._robot.rings:
             reader, _ = self._ring_parts()
             # A copy, since readings are known again by identity, and a question's may be reused.
-            reading = reader.read(question.ranges.copy(), question.joints.position, kinematics)
+            reading = reader.read(
+                question.ranges.copy(),
+                question.joints.position,
+                kinematics,
+                tracked=question.obstacles is not None,
+            )
             things.append(reading.nearest)
             if question.obstacles is not None:
                 link = reader.link if reading.nearest is None else reading.nearest.link

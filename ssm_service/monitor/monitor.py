@@ -149,7 +149,7 @@ class Monitor:
         ranges, obstacles = inputs.ranges.value, inputs.obstacles.value
         reading, exact, comparison = None, None, None
         if "ranges" in fresh and ranges is not None and self.robot.rings:
-            reading = self._reader.read(ranges, position, kinematics)
+            reading = self._reader.read(ranges, position, kinematics, tracked="obstacles" in fresh)
         if "obstacles" in fresh and obstacles is not None:
             if obstacles is not self._obstacles:
                 self._distance.set_obstacles(obstacles)

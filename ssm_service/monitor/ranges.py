@@ -33,9 +33,14 @@ class RangeReading(Struct, frozen=True, kw_only=True, eq=False):
     contradicted: bool
 
 
+OWN_LINK_MARGIN_M = 0.01
+"""What model and joint positions may be off by where an echo is taken for the arm's own link [m]."""
+
+
 class _Scan(Struct, frozen=True, kw_only=True, eq=False):
     """What does not change while the arm moves on: ranges (m,) [m] without own links, and the bound."""
 
+    masked: bool
     ranges: NDArray[np.float64]
     least: dict[str, float]
     uncovered: bool
@@ -46,8 +51,8 @@ class _Scan(Struct, frozen=True, kw_only=True, eq=False):
 class RangeReader:
     """Turns scans into what the profile makes of them.
 
-    A reading that the arm's own link explains is either an obstacle or, where the profile minds uncovered
-    sectors, a sensor that sees nothing beyond it; it is never taken as clear.
+    A reading that the arm's own link explains is left out where somebody answers for what that sensor cannot
+    see: a tracker, or the profile, by what it makes of uncovered sectors. Otherwise it counts as an obstacle.
 
     Attributes:
         link: The link that carries the first ring; empty without rings.
@@ -61,8 +66,9 @@ class RangeReader:
         self._robot = robot
         self._config = profile.config
         self.link = robot.sensor_arrays[0].link if robot.sensor_arrays else ""
-        self._own = OwnLinks(robot) if robot.rings and self._config.uncovered != "off" else None
-        self._tolerances = np.array([ring.accuracy for ring in robot.ring_of_sensor])
+        self._own = OwnLinks(robot) if robot.rings else None
+        self._tolerances = OWN_LINK_MARGIN_M + np.array([ring.accuracy for ring in robot.ring_of_sensor])
+        self._expected: NDArray[np.float64] | None = None
         self._bounds = self._lower_bounds(robot.config.file.assumptions)
         silent = min((bound.silent for _, bound, _ in self._bounds), default=math.inf)
         self._always_uncovered = silent < self._config.yellow.distance_m
@@ -70,7 +76,12 @@ class RangeReader:
         self._scan: _Scan | None = None
 
     def read(
-        self, ranges: NDArray[np.float64], position: NDArray[np.float64], kinematics: Kinematics
+        self,
+        ranges: NDArray[np.float64],
+        position: NDArray[np.float64],
+        kinematics: Kinematics,
+        *,
+        tracked: bool,
     ) -> RangeReading:
         """Return what a scan says.
 
@@ -78,9 +89,11 @@ class RangeReader:
             ranges: (m,), [m], ``inf`` for no echo; compared by identity with the last one.
             position: (n,), [rad], now.
             kinematics: The frames at ``position``.
+            tracked: Whether another source looks everywhere now.
         """
-        if self._scan is None or ranges is not self._ranges:
-            self._ranges, self._scan = ranges, self._new_scan(ranges, position)
+        masked = tracked or self._config.uncovered != "off"
+        if self._scan is None or ranges is not self._ranges or masked is not self._scan.masked:
+            self._ranges, self._scan = ranges, self._new_scan(ranges, position, masked)
         scan = self._scan
         if self._config.range_estimator == "nearest":
             nearest = nearest_by_rings(self._robot, kinematics, scan.ranges)
@@ -109,13 +122,11 @@ class RangeReader:
             for surface in [LinkDistance(self._robot, array.link)]
         ]
 
-    def _new_scan(self, ranges: NDArray[np.float64], position: NDArray[np.float64]) -> _Scan:
+    def _new_scan(self, ranges: NDArray[np.float64], position: NDArray[np.float64], masked: bool) -> _Scan:
         own, uncovered = np.zeros(len(ranges), dtype=np.bool_), self._always_uncovered
-        if self._own is not None:
-            found = self._own.detect(position, ranges, self._tolerances)
-            own = found.own
-            near = found.clear < self._config.yellow.distance_m
-            uncovered = uncovered or bool((near & (own | found.missing)).any())
+        if self._own is not None and masked:
+            own, blind = self._own_echoes(self._own, position, ranges)
+            uncovered = uncovered or blind
         seen = np.where(own, math.inf, ranges)
         least = {
             array.link: float(seen[array.indices].min(initial=math.inf))
@@ -124,7 +135,28 @@ class RangeReader:
         bound, sensors = None, None
         if self._config.range_estimator == "lower_bound":
             bound, sensors = self._least_bound(ranges, own)
-        return _Scan(ranges=seen, least=least, uncovered=uncovered, bound=bound, sensors=sensors)
+        return _Scan(
+            masked=masked, ranges=seen, least=least, uncovered=uncovered, bound=bound, sensors=sensors
+        )
+
+    def _own_echoes(
+        self, links: OwnLinks, position: NDArray[np.float64], ranges: NDArray[np.float64]
+    ) -> tuple[NDArray[np.bool_], bool]:
+        """Return which echoes own links explain, (m,), and whether they hide what would be near.
+
+        The scan was taken at some time since the last one, while the arm moved: what the arm looked like then
+        lies between what it looked like at that scan and what it looks like now.
+        """
+        found = links.detect(position, ranges, self._tolerances)
+        before = found.expected if self._expected is None else self._expected
+        self._expected = found.expected
+        low, high = np.minimum(before, found.expected), np.maximum(before, found.expected)
+        high = np.where(np.isfinite(high), high, low)  # seen in one of the two only
+        between = (ranges >= low - self._tolerances) & (ranges <= high + self._tolerances)
+        own = np.isfinite(ranges) & (found.own | between)
+        missing = found.missing & np.isfinite(before) & ~own
+        near = np.minimum(found.clear, low) < self._config.yellow.distance_m
+        return own, bool((near & (own | missing)).any())
 
     def _least_bound(self, ranges: NDArray[np.float64], own: NDArray[np.bool_]) -> tuple[Bound, SensorArray]:
         """Return the most severe bound of all links; one that nothing explains is more severe than any."""

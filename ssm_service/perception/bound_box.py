@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..model.link_table import compiled, squared_minus, upper
+from ..model.compiled import compiled
+from ..model.link_table import squared_minus, upper
 from .sectors import cone_coordinates, ray_gradient, sector_distance, sector_gradient
 
 ROOM = 1e-7  # [m]; a ball may reach this much into a sector that it should only graze: rounding

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model.link_table import compiled
+from ..model.compiled import compiled
 from .bound_search import MOST, search
 from .sectors import cone_coordinates, sector_distance
 

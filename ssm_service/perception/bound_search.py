@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..model.link_table import compiled
+from ..model.compiled import compiled
 from .bound_box import box_bound, scratch
 
 MOST = 400_000  # boxes; then the bound reached so far is returned

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import compiled
+from ..model.compiled import compiled
 
 INFINITY: Final = math.inf
 _GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import compiled
+from ..model.compiled import compiled
 
 Array = NDArray[np.float64]
 

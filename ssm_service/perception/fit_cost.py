@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from .compiled import compiled
+from ..model.compiled import compiled
 
 ORIGIN: Final = 0
 AXIS: Final = 3

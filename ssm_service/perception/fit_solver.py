@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from ..model.compiled import compiled
 from ..model.link_table import squared_minus
-from .compiled import compiled
 from .fit_cost import AXIS, ORIGIN, SIDE, SIN, UP, UP_MEAN, residuals
 
 MOST_STARTS: Final = 10

@@ -13,8 +13,8 @@ from scipy.spatial import ConvexHull
 
 from ..errors import SsmError
 from ..model import Robot
+from ..model.compiled import compiled
 from ..model.hulls import triangles
-from .compiled import compiled
 
 _LEAF: Final = 32  # triangles
 _SIDES: Final = 256  # of the prism round a cylinder: 7.5e-5 of its radius too wide at most

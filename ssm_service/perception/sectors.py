@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ..model.link_table import compiled
+from ..model.compiled import compiled
 
 
 @compiled

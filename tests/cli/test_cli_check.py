@@ -58,7 +58,7 @@ def test_a_wrong_key_is_a_fault_with_what_is_allowed(ssm, tmp_path):
 
 
 def test_all_faults_are_found_by_their_own_names_both_in_the_file_and_against_the_urdf(tmp_path):
-    ring = UR3.read_text().partition("[[rings]]")[2].partition("[limits]")[0]
+    ring = UR3.read_text().partition("[[rings]]")[2].partition("# The paper's scene")[0]
     file = variant(
         tmp_path,
         ('parent_frame = "forearm_link"', 'parent_frame = "forarm_link"'),
@@ -107,6 +107,9 @@ def test_the_steps_of_a_key_path():
         ("[limits]", "[limits]\nvelocity_rad_s = { elbow_joint = 50.0 }", "weak",
          "limits.velocity_rad_s.elbow_joint", "no effect"),
         ("[joints.locked]", 'links = ["forearm_link"]\n[joints.locked]', "weak", "links", "wrist_3_link"),
+        ("reading_error_m = 0.06", "reading_error_m = 0.02", "weak", "assumptions.reading_error_m", "not sound"),
+        ("recovery_ticks", "disagree_margin_m = 0.1\nrecovery_ticks", "weak", "profiles.kang2022.uncovered",
+         "counts as free"),
     ],
 )  # fmt: skip
 def test_what_is_thin_is_said(tmp_path, old, new, level, key, words):

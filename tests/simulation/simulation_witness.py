@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ssm_service.model import DistanceModel, Robot
+from ssm_service.perception import OwnLinks
 from ssm_service.safety import Zone
 from ssm_service.simulation import MemoryRun, MemoryTick, load_scenario
 from ssm_service.simulation.world import JOINTS_PERIOD_S, OBSTACLES_PERIOD_S
@@ -26,6 +27,7 @@ class Seen:
     nearest_links: set[str] = field(default_factory=set)
     scans: int = 0
     echoes: int = 0
+    own_echoes: int = 0
     moved: float = 0.0
 
 
@@ -35,6 +37,7 @@ class Witness:
     def __init__(self, robot: Robot, run: MemoryRun) -> None:
         self.robot, self.run, self.seen = robot, run, Seen()
         self._distance = DistanceModel(robot)
+        self._own = OwnLinks(robot)
         self._ranges: object = None
         self._before = run.world.plant.position
 
@@ -87,7 +90,10 @@ class Witness:
         if ranges is not self._ranges and ranges is not None:
             self._ranges = ranges
             self.seen.scans += 1
-            self.seen.echoes += bool(np.isfinite(ranges).any())
+            own, heard = self._own.distances(self.run.world.plant.position), np.isfinite(ranges)
+            off = np.abs(np.where(heard, ranges, -1.0) - own)  # 2 cm: the scan is of a moment ago
+            self.seen.echoes += bool((heard & (off > 0.02)).any())
+            self.seen.own_echoes += bool((heard & (off <= 0.02)).any())
 
     def _note_arrival(self, tick: MemoryTick) -> None:
         target = tick.inputs.target.value
