@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import multiprocessing
 import os
@@ -115,8 +116,8 @@ def complete(
     running: dict[Future[Arrays], int] = {}
     try:
         while True:
-            while len(running) < _AHEAD * workers and (index := next(queue, None)) is not None:
-                running[executor.submit(work, tasks[index])] = index
+            while len(running) < _AHEAD * workers and (following := next(queue, None)) is not None:
+                running[executor.submit(work, tasks[following])] = following
             if not running:
                 return
             ended = wait(running, return_when=FIRST_COMPLETED).done
@@ -176,10 +177,9 @@ def dask(address: str) -> Iterator[tuple[Executor, int]]:
     Raises:
         TimeoutError: Nobody answers there.
     """
-    from distributed import Client
-
+    distributed: Any = importlib.import_module("distributed")  # an extra, and without types
     try:
-        client = Client(address, timeout=30)
+        client = distributed.Client(address, timeout=30)
     except OSError as error:
         raise TimeoutError(str(error)) from error
     with client:
