@@ -135,13 +135,13 @@ def _unseen(item: LinkCoverage, surface: SurfaceMap) -> Any:
     axes.axhline(radius, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)))
     axes.annotate(f"{radius:g} mm", (1.0, radius), xycoords=("axes fraction", "data"), xytext=(4, 0),
                   textcoords="offset points", va="center", fontsize=9)  # fmt: skip
-    axes.set_ylim(0.0, 1.1 * max(float(worst.max()), radius))
+    axes.set_ylim(0.0, 1.3 * max(float(worst.max()), radius))
     axes.set_xlim(0, len(rows) - 1)
     _place_ticks(axes.xaxis, surface)
     axes.set(ylabel="radius [mm]")
     axes.set_title(f"{item.link.name}: largest ball that touches it unseen; a larger one cannot")
     axes.grid(axis="y", color="#e3e3e3", linewidth=0.8)
-    axes.legend(loc="upper right")
+    axes.legend(loc="upper right", ncols=2)
     return figure
 
 
