@@ -123,7 +123,7 @@ def rows(most: int, chunks: int, seed: int, estimators: tuple[str, ...]) -> list
 
 def main() -> None:
     """Run the benchmark."""
-    options = parser("sweep_speed", __doc__, "chunks", 30, f"chunks of {CHUNK['sphere']} scenes a worker")
+    options = parser("sweep_speed", __doc__, "chunks", 100, f"chunks of {CHUNK['sphere']} scenes a worker")
     arguments = options.parse_args()
     most = len(os.sched_getaffinity(0))
     table = rows(most, arguments.chunks, arguments.seed, FIVE)
