@@ -15,6 +15,7 @@ from .inputs import (
     range_scan,
 )
 from .monitor import SOURCES, Monitor, default_valid_for, zone_profile
+from .ranges import PreparedScan, RangeReader
 
 __all__ = [
     "SOURCES",
@@ -31,6 +32,8 @@ __all__ = [
     "JointSample",
     "Monitor",
     "Nearest",
+    "PreparedScan",
+    "RangeReader",
     "Received",
     "SourceReport",
     "Target",

@@ -59,6 +59,11 @@ class Monitor:
     only the zone in force (for slow recovery), the last command (for the acceleration limit) and what it
     made of the newest scan and the newest obstacles.
 
+    Attributes:
+        robot: The robot.
+        profile: The profile in force.
+        range_reader: Reads the scans; one that takes long may be prepared elsewhere before a tick gets it.
+
     Args:
         robot: The robot.
         profile: Name of a zone profile in the robot file; its default where left out.
@@ -76,7 +81,7 @@ class Monitor:
         self.valid_for_s = default_valid_for(period_s)
         self._machine = ZoneMachine(self.profile.config.recovery_ticks)
         self._distance = DistanceModel(robot)
-        self._reader = RangeReader(robot, self.profile)
+        self.range_reader = RangeReader(robot, self.profile)
         self._obstacles: tuple[Obstacle, ...] = ()
         self._compared: tuple[object, object] = (None, None)
         self._comparison: Comparison | None = None
@@ -149,7 +154,7 @@ class Monitor:
         ranges, obstacles = inputs.ranges.value, inputs.obstacles.value
         reading, exact, comparison = None, None, None
         if "ranges" in fresh and ranges is not None and self.robot.rings:
-            reading = self._reader.read(ranges, position, kinematics, tracked="obstacles" in fresh)
+            reading = self.range_reader.read(ranges, position, kinematics, tracked="obstacles" in fresh)
         if "obstacles" in fresh and obstacles is not None:
             if obstacles is not self._obstacles:
                 self._distance.set_obstacles(obstacles)
@@ -172,7 +177,7 @@ class Monitor:
         """Return the comparison as of the newest scan and the newest obstacles."""
         ranges, obstacles = newest
         if self._comparison is None or ranges is not self._compared[0] or obstacles is not self._compared[1]:
-            link = self._reader.link if reading.nearest is None else reading.nearest.link
+            link = self.range_reader.link if reading.nearest is None else reading.nearest.link
             monitored = link in self.robot.monitored_links
             pair = exact
             if pair is not None and pair.link != link:

@@ -38,14 +38,27 @@ OWN_LINK_MARGIN_M = 0.01
 
 
 class _Scan(Struct, frozen=True, kw_only=True, eq=False):
-    """What does not change while the arm moves on: ranges (m,) [m] without own links, and the bound."""
+    """What does not change while the arm moves on: ranges (m,) [m] that count, and the bound of them."""
 
-    masked: bool
     ranges: NDArray[np.float64]
     least: dict[str, float]
     uncovered: bool
     bound: Bound | None
     sensors: SensorArray | None
+
+
+class PreparedScan(Struct, frozen=True, kw_only=True, eq=False):
+    """A scan as it counts without the echoes of own links, and with all of them.
+
+    Attributes:
+        ranges: (m,), [m], as they came, by whose identity it is known again.
+        masked: Without the echoes that own links explain.
+        whole: With all.
+    """
+
+    ranges: NDArray[np.float64]
+    masked: _Scan
+    whole: _Scan
 
 
 class RangeReader:
@@ -72,8 +85,34 @@ class RangeReader:
         self._bounds = self._lower_bounds(robot.config.file.assumptions)
         silent = min((bound.silent for _, bound, _ in self._bounds), default=math.inf)
         self._always_uncovered = silent < self._config.yellow.distance_m
-        self._ranges: NDArray[np.float64] | None = None
-        self._scan: _Scan | None = None
+        errors = robot.config.file.assumptions
+        self._reading_error = 0.0 if errors is None else errors.reading_error_m
+        self._prepared: PreparedScan | None = None
+
+    @property
+    def slow(self) -> bool:
+        """Whether ``prepare`` takes milliseconds, more than a tick should wait."""
+        return self._config.range_estimator != "nearest"
+
+    def prepare(self, ranges: NDArray[np.float64], position: NDArray[np.float64]) -> PreparedScan:
+        """Work out what does not change while the arm moves on.
+
+        It may be called from one other thread, scan by scan; ``take`` then hands the result to ``read``.
+
+        Args:
+            ranges: (m,), [m], ``inf`` for no echo.
+            position: (n,), [rad], when it was measured.
+        """
+        own, blind = self._own_echoes(position, ranges)
+        masked = self._new_scan(ranges, own, self._always_uncovered or blind)
+        whole = masked
+        if self._config.uncovered == "off" and own.any():
+            whole = self._new_scan(ranges, np.zeros_like(own), self._always_uncovered)
+        return PreparedScan(ranges=ranges, masked=masked, whole=whole)
+
+    def take(self, prepared: PreparedScan) -> None:
+        """Take what ``prepare`` returned: ``read`` will be asked for these ranges from now on."""
+        self._prepared = prepared
 
     def read(
         self,
@@ -91,17 +130,17 @@ class RangeReader:
             kinematics: The frames at ``position``.
             tracked: Whether another source looks everywhere now.
         """
-        masked = tracked or self._config.uncovered != "off"
-        if self._scan is None or ranges is not self._ranges or masked is not self._scan.masked:
-            self._ranges, self._scan = ranges, self._new_scan(ranges, position, masked)
-        scan = self._scan
+        prepared = self._prepared
+        if prepared is None or prepared.ranges is not ranges:
+            prepared = self._prepared = self.prepare(ranges, position)
+        scan = prepared.masked if tracked or self._config.uncovered != "off" else prepared.whole
         if self._config.range_estimator == "nearest":
             nearest = nearest_by_rings(self._robot, kinematics, scan.ranges)
             unseen = contradicted = False
         else:
             nearest = self._nearest_by_bound(scan, kinematics)
             contradicted = scan.bound is not None and scan.bound.distance is None
-            unseen = nearest is not None and nearest.distance < scan.least[nearest.link]
+            unseen = nearest is not None and scan.least[nearest.link] > self._reading_error
         return RangeReading(
             nearest=nearest,
             least=scan.least,
@@ -122,11 +161,7 @@ class RangeReader:
             for surface in [LinkDistance(self._robot, array.link)]
         ]
 
-    def _new_scan(self, ranges: NDArray[np.float64], position: NDArray[np.float64], masked: bool) -> _Scan:
-        own, uncovered = np.zeros(len(ranges), dtype=np.bool_), self._always_uncovered
-        if self._own is not None and masked:
-            own, blind = self._own_echoes(self._own, position, ranges)
-            uncovered = uncovered or blind
+    def _new_scan(self, ranges: NDArray[np.float64], own: NDArray[np.bool_], uncovered: bool) -> _Scan:
         seen = np.where(own, math.inf, ranges)
         least = {
             array.link: float(seen[array.indices].min(initial=math.inf))
@@ -134,20 +169,20 @@ class RangeReader:
         }
         bound, sensors = None, None
         if self._config.range_estimator == "lower_bound":
-            bound, sensors = self._least_bound(ranges, own)
-        return _Scan(
-            masked=masked, ranges=seen, least=least, uncovered=uncovered, bound=bound, sensors=sensors
-        )
+            bound, sensors = self._least_bound(seen)
+        return _Scan(ranges=seen, least=least, uncovered=uncovered, bound=bound, sensors=sensors)
 
     def _own_echoes(
-        self, links: OwnLinks, position: NDArray[np.float64], ranges: NDArray[np.float64]
+        self, position: NDArray[np.float64], ranges: NDArray[np.float64]
     ) -> tuple[NDArray[np.bool_], bool]:
         """Return which echoes own links explain, (m,), and whether they hide what would be near.
 
         The scan was taken at some time since the last one, while the arm moved: what the arm looked like then
         lies between what it looked like at that scan and what it looks like now.
         """
-        found = links.detect(position, ranges, self._tolerances)
+        if self._own is None:
+            return np.zeros(len(ranges), dtype=np.bool_), False
+        found = self._own.detect(position, ranges, self._tolerances)
         before = found.expected if self._expected is None else self._expected
         self._expected = found.expected
         low, high = np.minimum(before, found.expected), np.maximum(before, found.expected)
@@ -158,21 +193,21 @@ class RangeReader:
         near = np.minimum(found.clear, low) < self._config.yellow.distance_m
         return own, bool((near & (own | missing)).any())
 
-    def _least_bound(self, ranges: NDArray[np.float64], own: NDArray[np.bool_]) -> tuple[Bound, SensorArray]:
-        """Return the most severe bound of all links; one that nothing explains is more severe than any."""
-        found = [
-            (bound.of(ranges[array.indices], own[array.indices]), array) for array, bound, _ in self._bounds
-        ]
+    def _least_bound(self, seen: NDArray[np.float64]) -> tuple[Bound, SensorArray]:
+        """Return the most severe bound of all links; one that nothing explains is more severe than any.
+
+        What own links hide is not part of the promise: it is ``uncovered``.
+        """
+        found = [(bound.of(seen[array.indices]), array) for array, bound, _ in self._bounds]
         return min(found, key=lambda entry: -math.inf if entry[0].distance is None else entry[0].distance)
 
     def _nearest_by_bound(self, scan: _Scan, kinematics: Kinematics) -> Nearest | None:
-        """Return the ball that attains the bound as the nearest thing."""
+        """Return the ball that attains the bound; ``None`` where nothing could be there."""
         bound, array = scan.bound, scan.sensors
         if bound is None or array is None or bound.distance is None or bound.distance == math.inf:
             return None
-        T_base_link = link_pose(array, kinematics)
         surface = next(surface for other, _, surface in self._bounds if other is array)
-        return ball_as_nearest(array.link, bound, surface, T_base_link)
+        return ball_as_nearest(array, bound, bound.distance, surface, kinematics)
 
 
 def answering_arrays(robot: Robot) -> list[SensorArray]:
@@ -190,19 +225,35 @@ def link_pose(array: SensorArray, kinematics: Kinematics) -> NDArray[np.float64]
 
 
 def ball_as_nearest(
-    link: str, bound: Bound, surface: LinkDistance, T_base_link: NDArray[np.float64]
-) -> Nearest | None:
-    """Return the ball that attains a bound as the nearest thing, in the base frame."""
-    if bound.distance is None or bound.centre is None or bound.radius is None:
-        return None
-    normal = towards_link(surface, bound.centre)
-    on_ball = bound.centre + bound.radius * normal
+    array: SensorArray, bound: Bound, distance: float, surface: LinkDistance, kinematics: Kinematics
+) -> Nearest:
+    """Return the ball that attains a bound as the nearest thing, in the base frame.
+
+    Where the search met no ball, its place is not known, but its distance is: it is put before the first
+    sensor.
+
+    Args:
+        array: The sensors.
+        bound: Their bound.
+        distance: Its distance [m].
+        surface: Of the link that carries them.
+        kinematics: The frames now.
+    """
+    if bound.centre is None or bound.radius is None:
+        T_link_sensor = array.transforms_sensor_to_link[0]
+        normal, on_link = -T_link_sensor[:3, 0], T_link_sensor[:3, 3]
+        on_ball = on_link - distance * normal
+    else:
+        normal = towards_link(surface, bound.centre)
+        on_ball = bound.centre + bound.radius * normal
+        on_link = on_ball + distance * normal
+    T_base_link = link_pose(array, kinematics)
     return Nearest(
         source="ranges",
-        link=link,
+        link=array.link,
         obstacle=None,
-        distance=bound.distance,
-        point_on_link=T_base_link[:3, :3] @ (on_ball + bound.distance * normal) + T_base_link[:3, 3],
+        distance=distance,
+        point_on_link=T_base_link[:3, :3] @ on_link + T_base_link[:3, 3],
         point_on_obstacle=T_base_link[:3, :3] @ on_ball + T_base_link[:3, 3],
         normal=T_base_link[:3, :3] @ normal,
     )

@@ -5,13 +5,16 @@ from __future__ import annotations
 import time
 from typing import Any, Generic, TypeVar
 
+import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..model import Robot
-from ..monitor import SOURCES, Inputs, Received
+from ..monitor import SOURCES, Inputs, JointSample, RangeReader, Received
 from ..wire import VALUES, Decoder, Keys, ProducerGate, encoding_of, names_another
 from ..wire.messages import INPUTS
+from .preparing import ScanPreparation
 from .statistics import Rejections
 
 T = TypeVar("T")
@@ -61,6 +64,10 @@ class Source(Generic[T]):
                 return
         self._empty_ns = now_ns
 
+    def _take(self, value: T) -> None:
+        """Let the next tick have a value."""
+        self._value, self._arrived_ns = value, self._empty_ns
+
     def received(self, now_ns: int) -> Received[T]:
         """Return the newest accepted value with its greatest possible age."""
         age = None if self._value is None else (now_ns - self._arrived_ns) * 1e-9
@@ -84,11 +91,51 @@ class Source(Generic[T]):
         # Another producer must have come a timeout later than the present one's last message, however long
         # both waited here: a flood that holds up a good driver must not open the door to a second one.
         self.gate.check(message.producer, message.seq, self._empty_ns * 1e-9)
-        self._value = self._to_value(self._robot, message)
+        value = self._to_value(self._robot, message)
         self.gate.accept(message.producer, message.seq, seconds)
-        self._arrived_ns = self._empty_ns
+        self._take(value)
         self._refused_ns = None
         self.accepted += 1
+
+
+class PreparedSource(Source[NDArray[np.float64]]):
+    """The readings, where what a tick needs of them is worked out beside the loop.
+
+    Args:
+        source: As for ``Source``.
+        joints: The joints: a scan is prepared for the newest position.
+        reader: Gets what was prepared.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        session: zenoh.Session,
+        keys: Keys,
+        rejections: Rejections,
+        *,
+        joints: Source[JointSample],
+        reader: RangeReader,
+    ) -> None:
+        super().__init__("ranges", robot, session, keys, rejections)
+        self._joints, self._reader, self._rest = joints, reader, robot.rest_position
+        self._preparation = ScanPreparation(reader, self._failed)
+
+    def drain(self, now_ns: int, deadline_ns: int) -> None:
+        """Take what waits, and give the loop what is ready."""
+        super().drain(now_ns, deadline_ns)
+        ready = self._preparation.take()
+        if ready is not None:
+            self._reader.take(ready.prepared)
+            self._value, self._arrived_ns = ready.prepared.ranges, ready.arrived_ns
+
+    def _take(self, value: NDArray[np.float64]) -> None:
+        joints = self._joints.received(self._empty_ns).value
+        position = self._rest if joints is None else joints.position
+        self._preparation.submit(value, position, self._empty_ns)
+
+    def _failed(self, text: str) -> None:
+        self._rejections.add(self.name, "internal", text)
 
 
 class InputChannels:
@@ -99,11 +146,26 @@ class InputChannels:
         session: The Zenoh session.
         keys: The robot's keys.
         budget_ns: Time [ns] that draining may take in one tick, so that no sender can slow the loop.
+        reader: What the monitor reads scans with; where it is slow, scans are prepared beside the loop.
     """
 
-    def __init__(self, robot: Robot, session: zenoh.Session, keys: Keys, budget_ns: int) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        session: zenoh.Session,
+        keys: Keys,
+        budget_ns: int,
+        reader: RangeReader | None = None,
+    ) -> None:
         self.rejections = Rejections()
-        self.sources = {name: Source[Any](name, robot, session, keys, self.rejections) for name in SOURCES}
+        self.sources: dict[str, Source[Any]] = {}
+        for name in SOURCES:
+            if name == "ranges" and reader is not None and reader.slow:
+                self.sources[name] = PreparedSource(
+                    robot, session, keys, self.rejections, joints=self.sources["joints"], reader=reader
+                )
+            else:
+                self.sources[name] = Source[Any](name, robot, session, keys, self.rejections)
         self._order = list(self.sources.values())
         self._budget_ns = budget_ns
 

@@ -67,7 +67,9 @@ class Service:
         self._loop = FixedRateLoop(period_ns)
         refuse_duplicate(session, self._keys)
         self.producer = uuid.uuid4().hex
-        self._inputs = InputChannels(robot, session, self._keys, int(DRAIN_SHARE * period_ns))
+        self._inputs = InputChannels(
+            robot, session, self._keys, int(DRAIN_SHARE * period_ns), self._monitor.range_reader
+        )
         self._outputs = Outputs(
             session,
             self._keys,

@@ -35,6 +35,9 @@ REPLY_LIMIT = 3_500_000
 
 QUEUE_CAPACITY = 64
 
+PATIENCE_S = 10.0
+"""How long the start waits for the tables of the estimators; they take longer only when they are compiled."""
+
 ARRIVALS = 16
 """Joint messages that are kept for ``frames``: the newest that is valid is taken."""
 
@@ -50,7 +53,9 @@ class EvaluatingWorker:
     def __init__(self, options: WorkerOptions, session: zenoh.Session) -> None:
         self._robot = Robot.load(Path(options.robot_file))
         self._evaluator = Evaluator(self._robot, zone_profile(self._robot, options.profile))
-        self._evaluator.prepare()
+        self._preparing = threading.Thread(target=self._evaluator.prepare, daemon=True)
+        self._preparing.start()
+        self._preparing.join(PATIENCE_S)
         self._name = options.name
         keys = Keys(options.name)
         self._keys = {name: keys.output(name) for name in ("evaluate", "frames")}
@@ -117,6 +122,9 @@ class EvaluatingWorker:
     def _one(self, payload: bytes) -> m.EvaluateOutput | m.EvaluateError:
         try:
             question = question_from(self._robot, self._question.decode(payload))
+            if question.ranges is not None and self._preparing.is_alive():
+                allowed = "ask again: tables for `ranges` are being made, which takes longest the first time"
+                raise InputError("preparing", "ranges", "a service that has just started", allowed)
             return evaluate_message(self._evaluator.evaluate(question))
         except InputError as error:
             return m.EvaluateError(error=str(error))

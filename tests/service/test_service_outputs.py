@@ -31,7 +31,7 @@ def test_a_program_that_knows_nothing_of_us_asks_for_the_zone(shared_service, ea
     zone = answers["zone"][1]
     assert set(zone) == {
         "producer", "seq", "stamp_ns", "valid_for_ns", "robot", "profile", "zone", "distance", "name",
-        "speed_limit", "speed_scaling", "nearest", "sources", "reaction", "reasons",
+        "speed_limit", "speed_scaling", "nearest", "sources", "comparison", "reaction", "reasons",
     }  # fmt: skip
     assert set(answers["command"][1]) == {
         "producer", "seq", "stamp_ns", "valid_for_ns", "robot", "zone", "name", "velocity",
