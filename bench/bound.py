@@ -1,170 +1,112 @@
-"""``lower_bound``: ever above Coal's distance? How near to a brute-force infimum, and at what cost?"""
+"""``lower_bound``: ever above Coal's distance? How near to a brute-force infimum, and at what cost?
+
+Draws scenes within declared assumptions, several configurations of them, and holds the bound against Coal's
+exact distance of the link's mesh; and some more against a search by brute force. The same seed gives the same
+scenes, whatever the number of workers; with ``--out`` a run that was interrupted goes on where it was. Ends
+with status 1 if a bound is above the distance, or denies a ball that is there; the scenes are written out.
+"""
 
 from __future__ import annotations
 
 import argparse
-import math
+import hashlib
+import os
+import sys
+import tempfile
 import time
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
-import numpy as np
+from . import sweep
+from .bound_chunk import Task, tasks, work
+from .bound_report import BoundReport, brute_row, soundness_row, violations
+from .bound_scenes import SWEEP
+from .common import parser, progress
 
-from ssm_service.model import LinkDistance, Robot
-from ssm_service.perception import LowerBound
-
-from .bound_scenes import CASES, LINK, Case, draw, sensors
-from .brute import MeshTruth, least_ball
-from .common import Report, Row, parser, progress
-
-BATCH = 5_000
-TIMED = 300
-NOTES = """\
-A scene violates the bound where it is above Coal's distance from the link's mesh by more than 1e-6 m, or \
-where no admissible ball is found although there is one. 'nearest to it' is the least distance less the bound.
-'to the truth' is the median distance less the bound: the price of the ring, not of the computation.
-Brute force: the nearest ball that a random search with local steps finds, less the bound; what it misses \
-counts against the bound. For `one` obstacle, scenes with an echo, ε of 1 mm or more.
-'cold': the first time of a scan, one call each; 'sweep': microseconds a scene of all scenes together, while \
-the table of single echoes is filled.\
-"""
+SOURCES = ("bound.py", "bound_chunk.py", "bound_scenes.py", "brute.py")
 
 
-class Subject:
-    """One configuration, ready to be asked."""
+def measure(todo: list[Task], folder: Path, workers: int) -> sweep.Store:
+    """Do what is missing of the pieces and return where they are."""
+    store = sweep.Store(folder=folder)
+    with sweep.local(workers) as executor, progress() as bar:
+        scenes = bar.add_task("scenes", total=sum(task.count for task in todo if not task.brute))
+        brute = bar.add_task("brute force", total=sum(task.count for task in todo if task.brute))
 
-    def __init__(self, case: Case, robot: Robot, surface: LinkDistance) -> None:
-        self.case = case
-        self.array = sensors(robot, case.design)
-        self.bound = LowerBound(self.array, surface, case.assumptions)
+        def done(task: Task) -> None:
+            bar.advance(brute if task.brute else scenes, task.count)
 
-
-def soundness(subject: Subject, truth: MeshTruth, scenes: int, rng: np.random.Generator, step: Any) -> Row:
-    """Ask for ``scenes`` scenes, compare with Coal, and return the figures."""
-    done, violations, worst, spent = 0, 0, math.inf, 0.0
-    price = []
-    while done < scenes:
-        readings, distances, _, _ = draw(subject.case, subject.array, truth, min(BATCH, 2 * scenes), rng)
-        readings, distances = readings[: scenes - done], distances[: scenes - done]
-        begin = time.perf_counter()
-        bounds = subject.bound.of_many(readings)
-        spent += time.perf_counter() - begin
-        margin = np.where(np.isnan(bounds), -np.inf, distances - bounds)
-        violations += int((margin < -1e-6).sum())
-        worst = min(worst, float(margin.min()))
-        price.append(margin)
-        done += len(readings)
-        step(len(readings))
-    return {
-        "scenes": done,
-        "violations": violations,
-        "nearest_um": 1e6 * worst,
-        "price_mm": 1e3 * float(np.median(np.concatenate(price))),
-        "sweep_us": 1e6 * spent / done,
-        "silent_mm": 1e3 * subject.bound.silent,
-    }
+        sweep.complete(work, todo, store, executor, max(1, workers), done)
+    return store
 
 
-def cold(subject: Subject, truth: MeshTruth, rng: np.random.Generator) -> Row:
-    """Time single calls for scans that were not asked for before."""
-    readings, _, _, _ = draw(subject.case, subject.array, truth, 3 * TIMED, rng)
-    times = []
-    for scan in readings[:TIMED]:
-        begin = time.perf_counter()
-        subject.bound.of(scan)
-        times.append(1e6 * (time.perf_counter() - begin))
-    return {"cold_p50_us": float(np.median(times)), "cold_p99_us": float(np.percentile(times, 99))}
+def report(todo: list[Task], store: sweep.Store, settings: dict[str, Any]) -> BoundReport:
+    """Return what came out."""
+    rows, brute, bad, excess = [], [], [], {}
+    for number, case in enumerate(SWEEP):
+        of_kind: dict[bool, list[int]] = {False: [], True: []}
+        for place, task in enumerate(todo):
+            if task.case == number:
+                of_kind[task.brute].append(place)
+        found = sweep.merged(store, of_kind[False])
+        rows.append(soundness_row(case, found))
+        bad += violations(number, found)
+        if of_kind[True]:
+            found = sweep.merged(store, of_kind[True])
+            brute.append(brute_row(case, found))
+            excess[case.label] = found["excess"]
+    return BoundReport.of(settings, rows, brute, bad, excess)
 
 
-def tightness(subject: Subject, truth: MeshTruth, scenes: int, rng: np.random.Generator, step: Any) -> Row:
-    """Compare with brute force on scenes with an echo; a third of them with two or more, if there are."""
-    found: list[float] = []
-    readings, _, centres, radii = draw(subject.case, subject.array, truth, 20 * scenes + 100, rng)
-    echoes = np.isfinite(readings).sum(axis=1)
-    several, single = np.flatnonzero(echoes > 1)[: scenes // 3], np.flatnonzero(echoes == 1)
-    for i in np.concatenate([several, single])[:scenes]:
-        bound = subject.bound.of(readings[i])
-        hints = centres[i], radii[i]
-        if bound.centre is not None:
-            hints = np.vstack([hints[0], bound.centre]), np.append(hints[1], bound.radius)
-        least = least_ball(truth, subject.array, subject.case.assumptions, readings[i], rng, hints)
-        found.append(1e3 * (least.distance - (math.inf if bound.distance is None else bound.distance)))
-        step(1)
-    return {
-        "brute_scenes": len(found),
-        "brute_least_mm": min(found),
-        "brute_p50_mm": float(np.median(found)),
-        "brute_most_mm": max(found),
-    }
+def _arguments() -> argparse.Namespace:
+    options = parser("bound", __doc__, "scenes", 1_000_000, "scenes, all configurations together")
+    options.add_argument(
+        "--brute", type=_whole, default=1000, metavar="N", help="scenes of brute force (default: %(default)s)"
+    )
+    options.add_argument(
+        "--workers",
+        type=_whole,
+        default=len(os.sched_getaffinity(0)),
+        metavar="N",
+        help="processes; 0 for none but this one (default: %(default)s)",
+    )
+    return options.parse_args()
 
 
-def measure(arguments: argparse.Namespace) -> list[Row]:
-    """Run all configurations."""
-    robot = Robot.load("ur3")
-    truth, surface = MeshTruth(robot, LINK), LinkDistance(robot, LINK)
-    each = max(1, arguments.scenes // len(CASES))
-    brute = [case for case in CASES if not case.many and case.error >= 1e-3]
-    rows = []
-    with progress() as bar:
-        task = bar.add_task("scenes", total=each * len(CASES))
-        second = bar.add_task("brute force", total=arguments.brute // len(brute) * len(brute))
-        for number, case in enumerate(CASES):
-            seeds = np.random.SeedSequence([arguments.seed, number]).spawn(3)
-            rngs = [np.random.default_rng(seed) for seed in seeds]
-            subject = Subject(case, robot, surface)
-            row: Row = {
-                "design": case.design,
-                "sensors": len(subject.array.indices),
-                "radii": f"{case.radius_min:g}–{case.radius_max:g}",
-                "error_mm": 1e3 * case.error,
-                "obstacles": f"many ({case.balls})" if case.many else "one",
-                **cold(subject, truth, rngs[0]),
-                **soundness(subject, truth, each, rngs[1], lambda n: bar.advance(task, n)),
-            }
-            if case in brute and arguments.brute >= len(brute):
-                share = arguments.brute // len(brute)
-                row |= tightness(subject, truth, share, rngs[2], lambda n: bar.advance(second, n))
-            rows.append(row)
-    return rows
+def _whole(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise ValueError(text)
+    return value
+
+
+def _sources() -> str:
+    here = Path(__file__).parent
+    return hashlib.sha256(b"".join((here / name).read_bytes() for name in SOURCES)).hexdigest()
 
 
 def main() -> None:
     """Run the benchmark."""
-    options = parser("bound", __doc__, "scenes", 100_000, "scenes, all configurations together")
-    options.add_argument(
-        "--brute", type=int, default=1000, metavar="N", help="scenes of brute force (default: %(default)s)"
-    )
-    arguments = options.parse_args()
-    columns = {
-        "design": "rings",
-        "sensors": "sensors",
-        "radii": "R [m]",
-        "error_mm": "ε [mm]",
-        "obstacles": "obstacles",
-        "scenes": "scenes",
-        "violations": "violations",
-        "nearest_um": "nearest to it [µm]",
-        "price_mm": "to the truth [mm]",
-        "silent_mm": "silent bound [mm]",
-        "brute_scenes": "brute force",
-        "brute_least_mm": "least [mm]",
-        "brute_p50_mm": "p50 [mm]",
-        "brute_most_mm": "most [mm]",
-        "cold_p50_us": "cold p50 [µs]",
-        "cold_p99_us": "p99 [µs]",
-        "sweep_us": "sweep [µs]",
-    }
-    Report(
-        name="bound",
-        settings={
-            "robot": "ur3",
-            "seed": arguments.seed,
-            "scenes": arguments.scenes,
-            "brute": arguments.brute,
-        },
-        columns=columns,
-        rows=measure(arguments),
-        notes=NOTES.splitlines(),
-    ).finish(arguments)
+    arguments = _arguments()
+    settings = {"seed": arguments.seed, "scenes": arguments.scenes, "brute": arguments.brute}
+    todo = tasks(arguments.seed, arguments.scenes, arguments.brute)
+    with ExitStack() as stack:
+        if arguments.out is None:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bound-")))
+        else:
+            folder = arguments.out / "chunks" / sweep.key({**settings, "sources": _sources()})
+        begin = time.perf_counter()
+        try:
+            store = measure(todo, folder, arguments.workers)
+        except KeyboardInterrupt:
+            kept = "" if arguments.out is None else "; the same command goes on from here"
+            sys.exit(f"interrupted{kept}")
+        seconds = round(time.perf_counter() - begin, 1)
+        made = report(todo, store, {**settings, "workers": arguments.workers, "seconds": seconds})
+        made.finish(arguments)
+    if made.bad:
+        sys.exit(f"{len(made.bad)} scenes violate the bound: see 'violations' of the JSON (--json, --out)")
 
 
 if __name__ == "__main__":

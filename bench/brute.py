@@ -1,4 +1,8 @@
-"""An oracle of its own for ``lower_bound``: a random search over balls, and where Coal says they are."""
+"""An oracle of its own for ``lower_bound``: a random search over balls, and where Coal says they are.
+
+It shares nothing with the package's search but the closed form of a reading: other distances from the link
+(Coal's, and samples of its mesh), other code for the cones, no bounds, no boxes.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +19,11 @@ from ssm_service.model import Robot, SensorArray
 from ssm_service.model.hulls import triangles
 from ssm_service.perception import sphere_readings
 
-SAMPLES = 120_000
-NEAR, STARTS, KEPT, TRIES, ROUNDS = 1_000, 10_000, 12, 40, 220
-PENALTY = 50.0  # [m] of distance for each metre by which a ball fails to explain the readings
+SAMPLES = 60_000
+STARTS, NEAR, ASKED = 30_000, 300, 5_000
+WALKERS, TRIES, ROUNDS, AGAIN = 32, 12, 30, 3
+PENALTY = 20.0  # [m] of distance for each metre by which a ball fails to explain the readings
+ROOM = 2e-9  # [m]; so that rounding does not decide whether a ball grazes a cone
 
 Array = NDArray[np.float64]
 
@@ -58,8 +64,7 @@ class MeshTruth:
 
     def fast(self, points: Array) -> Array:
         """Return distances from the samples: too large by some µm, (n,) [m]."""
-        found: Array = self._tree.query(points)[0]
-        return found
+        return np.asarray(self._tree.query(points)[0])
 
 
 def predicted(array: SensorArray, centres: Array, radii: Array) -> Array:
@@ -71,11 +76,17 @@ def predicted(array: SensorArray, centres: Array, radii: Array) -> Array:
     return result
 
 
-def disagreement(array: SensorArray, ideal: Array, readings: Array, error: float) -> Array:
-    """Return by how much ideal readings, (n, k), fail to agree with ``readings``, (k,): (n,) [m]."""
+def disagreement(
+    array: SensorArray, ideal: Array, readings: Array, error: float, many: bool = False
+) -> Array:
+    """Return by how much ideal readings, (n, k), fail to agree with ``readings``, (k,): (n,) [m].
+
+    With ``many`` balls each echo may be another's, who must only not have been heard before this one.
+    """
     seen = np.where(np.isinf(ideal), 9.0, np.maximum(ideal, array.ranges_min))
     echo = np.isfinite(readings)
-    off = np.abs(seen - np.where(echo, readings, 0.0)) - error
+    late = np.where(echo, readings, 0.0) - seen
+    off = (late if many else np.abs(late)) - error
     near = np.where(seen < array.ranges_max - error, array.ranges_max - error - seen, 0.0)
     worst: Array = np.maximum(np.where(echo, off, near), 0.0).max(axis=1)
     return worst
@@ -98,65 +109,142 @@ def least_ball(
     rng: np.random.Generator,
     hints: tuple[Array, Array],
 ) -> Least:
-    """Search for the nearest ball to the link that explains one scan with an echo, of ``one`` obstacle.
+    """Search for the nearest ball that explains one scan; with ``many``, that stands unseen beside others.
 
-    Many starts within reach of the nearest echo and the hints; the best and some others walk by random steps
-    whose size adapts, at a price for each disagreement. What is returned agrees to 1e-9 m.
+    For each centre the greatest radius that the cones and the link leave is the best. Centres are drawn
+    densely round the hints and within reach of the nearest echo (with ``many``, no farther from the link than
+    a hint). The best of them, and others at random, walk by random steps whose size adapts, at a price for
+    each disagreement; all start again from the best few. What is returned agrees with the readings by their
+    closed form, to 1e-9 m.
 
     Args:
         truth: Of the array's link.
         array: The sensors.
         assumptions: What balls are admissible.
-        readings: (k,) [m].
+        readings: (k,) [m]; with ``one`` obstacle, some echo.
         rng: Source of randomness.
-        hints: Centres, (n, 3) [m], and radii, (n,) [m], of balls to start from too.
+        hints: Centres, (n, 3) [m], and radii, (n,) [m], of balls that may be near.
     """
-    least, most, error = assumptions.radius_min_m, assumptions.radius_max_m, assumptions.reading_error_m
+    look = _Balls(truth, array, assumptions, readings)
+    near = hints[0] + 10.0 ** -rng.uniform(1.5, 6.0, (NEAR, len(hints[0]), 1)) * rng.normal(
+        size=(NEAR, *hints[0].shape)
+    )
+    few = np.concatenate([hints[0], near.reshape(-1, 3)])
+    if assumptions.obstacles == "many":
+        reach = float(truth.exact(hints[0]).min()) + assumptions.radius_max_m
+        starts = rng.uniform(truth.lower - reach, truth.upper + reach, (STARTS, 3))
+    else:
+        starts = _starts(array, assumptions, readings, rng)
+    starts = np.concatenate([few, starts])
+    wrong = look.cones(starts)[1]
+    likely = np.argsort(wrong, kind="stable")
+    admissible = int((wrong <= 0.0).sum())
+    if admissible > ASKED:
+        likely = np.concatenate([np.arange(len(few)), rng.choice(likely[:admissible], ASKED, replace=False)])
+    asked = starts[likely[:ASKED]]
+    cost = look.costs(asked)
+    order = np.argsort(cost)
+    chosen = np.concatenate([order[: WALKERS // 2], rng.choice(order[: ASKED // 2], WALKERS // 2)])
+    centres, cost = asked[chosen], cost[chosen]
+    for turn in range(AGAIN):
+        step = np.full(len(centres), 0.02 * 0.2**turn)
+        for _ in range(ROUNDS):
+            moves = rng.normal(size=(len(centres), TRIES, 3)) * step[:, None, None]
+            tried = centres[:, None] + moves
+            costs = look.costs(tried.reshape(-1, 3)).reshape(len(centres), TRIES)
+            pick = costs.argmin(axis=1)
+            rows = np.arange(len(centres))
+            better = costs[rows, pick] < cost
+            centres = np.where(better[:, None], tried[rows, pick], centres)
+            cost = np.where(better, costs[rows, pick], cost)
+            step = np.clip(np.where(better, 1.4 * step, 0.6 * step), 1e-6, 0.03)
+        best = np.argsort(cost)[: WALKERS // 4].repeat(2)
+        centres, cost = centres[best], cost[best]
+    return look.best
+
+
+class _Balls:
+    """The balls that explain one scan, and the nearest of all that were looked at."""
+
+    def __init__(
+        self, truth: MeshTruth, array: SensorArray, assumptions: AssumptionsConfig, readings: Array
+    ) -> None:
+        self._truth, self._array, self._readings = truth, array, readings
+        self._least, self._most = assumptions.radius_min_m, assumptions.radius_max_m
+        self._error = assumptions.reading_error_m
+        self._many = assumptions.obstacles == "many"
+        echo = np.isfinite(readings)
+        low = np.where(echo, readings, array.ranges_max) - self._error
+        self._low = np.where(low <= array.ranges_min, -1.0, low)
+        self._high = np.where(
+            echo & (not self._many), np.maximum(readings + self._error, array.ranges_min), math.inf
+        )
+        self.best = Least(distance=math.inf, centre=np.full(3, math.nan), radius=math.nan)
+
+    def cones(self, centres: Array) -> tuple[Array, Array]:
+        """Return the greatest radius that the cones leave, (n,) [m], and how much is amiss with it, (n,) [m].
+
+        A ball's reading is at most L where it meets the part of the cone within L of the apex.
+        """
+        most, least = np.full(len(centres), self._most), np.full(len(centres), self._least)
+        for i, T_link_sensor in enumerate(self._array.transforms_sensor_to_link):
+            local = (centres - T_link_sensor[:3, 3]) @ T_link_sensor[:3, :3]
+            plane = local[:, 0], np.hypot(local[:, 1], local[:, 2])
+            angle = float(self._array.half_angles[i])
+            if self._low[i] > 0.0:
+                most = np.minimum(most, _from_cone(*plane, angle, self._low[i]) - ROOM)
+            if self._high[i] < math.inf:
+                least = np.maximum(least, _from_cone(*plane, angle, self._high[i]) + ROOM)
+        return most, np.maximum(least - most, 0.0)
+
+    def costs(self, centres: Array) -> Array:
+        """Return distances of the best balls round ``centres`` from the link, and a price for what is amiss.
+
+        The nearest one that is right, by Coal and the closed form, is kept as ``best``.
+        """
+        most, wrong = self.cones(centres)
+        distance = self._truth.fast(centres)
+        needed = most + wrong
+        radius = np.minimum(most, distance)
+        wrong = np.maximum(needed - radius, 0.0)
+        gaps = distance - radius
+        costs: Array = gaps + PENALTY * wrong
+        right = np.where(wrong <= 0.0, gaps, math.inf)
+        i = int(right.argmin())
+        if right[i] < self.best.distance - 1e-7:
+            self._keep(centres[i], float(most[i]))
+        return costs
+
+    def _keep(self, centre: Array, radius: float) -> None:
+        distance = float(self._truth.exact(centre[np.newaxis])[0])
+        radius = min(radius, distance)
+        ideal = predicted(self._array, centre[np.newaxis], np.array([radius]))
+        wrong = disagreement(self._array, ideal, self._readings, self._error, self._many)[0]
+        if radius < self._least or wrong > 1e-9:
+            return
+        if distance - radius < self.best.distance:
+            self.best = Least(distance=distance - radius, centre=centre.copy(), radius=radius)
+
+
+def _from_cone(along: Array, off: Array, angle: float, length: float) -> Array:
+    """Return distances, (n,) [m], from the part of a cone within ``length`` of its apex."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    on_edge = np.clip(along * cos + off * sin, 0.0, length)
+    beside = np.hypot(along - on_edge * cos, off - on_edge * sin)
+    inside = off * cos <= along * sin
+    return np.where(inside, np.maximum(np.hypot(along, off) - length, 0.0), beside)
+
+
+def _starts(
+    array: SensorArray, assumptions: AssumptionsConfig, readings: Array, rng: np.random.Generator
+) -> Array:
+    """Return centres, (n, 3) [m], all over the places from which a ball can give the nearest echo."""
+    most = assumptions.radius_max_m
     sensor = int(np.argmin(readings))
     T_link_sensor = array.transforms_sensor_to_link[sensor]
-    far = readings[sensor] + error
+    far = max(float(readings[sensor]) + assumptions.reading_error_m, float(array.ranges_min[sensor]))
     width = far * math.tan(array.half_angles[sensor]) + most
     turn, off = rng.uniform(0.0, 2.0 * math.pi, STARTS), width * np.sqrt(rng.random(STARTS))
-    local = [rng.uniform(-0.5 * most, far + most, STARTS), off * np.cos(turn), off * np.sin(turn)]
-    centres = np.column_stack(local) @ T_link_sensor[:3, :3].T + T_link_sensor[:3, 3]
-    # Hints may only just miss the edge of a cone: balls round them, ever nearer, do not.
-    scale = 10.0 ** -rng.uniform(2.0, 6.0, (NEAR, len(hints[0]), 1))
-    near = (hints[0] + scale * rng.normal(size=(NEAR, *hints[0].shape))).reshape(-1, 3)
-    sizes = (hints[1] + scale[..., 0] * rng.normal(size=(NEAR, len(hints[1])))).ravel()
-    centres = np.concatenate([hints[0], near, centres])
-    radii = np.concatenate([hints[1], sizes, rng.uniform(least, most, STARTS)])
-    radii = np.clip(radii, least, most)
-
-    def price(where: Array, size: Array) -> tuple[Array, Array, Array]:
-        distance = truth.fast(where)
-        wrong = disagreement(array, predicted(array, where, size), readings, error)
-        wrong = wrong + np.maximum(size - distance, 0.0)
-        gap = np.maximum(distance - size, 0.0)
-        return gap + PENALTY * wrong, gap, wrong
-
-    cost = price(centres, radii)[0]
-    order = np.argsort(cost)
-    few = len(hints[0])
-    chosen = np.concatenate([np.arange(few), order[: KEPT // 2], rng.choice(order[:3000], KEPT // 2)])
-    centres, radii, cost = centres[chosen], radii[chosen], cost[chosen]
-    rows, step = np.arange(len(chosen)), np.full(len(chosen), 0.02)
-    best = (math.inf, np.full(3, np.nan), math.nan)
-    for _ in range(ROUNDS):
-        moves = rng.normal(size=(len(rows), TRIES, 4)) * step[:, None, None]
-        tried = (centres[:, None] + moves[..., :3]).reshape(-1, 3)
-        sizes = np.clip((radii[:, None] + 0.5 * moves[..., 3]).ravel(), least, most)
-        prices, gaps, wrongs = price(tried, sizes)
-        gaps = np.where(wrongs <= 1e-9, gaps, np.inf)
-        if gaps.min() < best[0]:
-            i = int(gaps.argmin())
-            best = (float(gaps[i]), tried[i].copy(), float(sizes[i]))
-        table = prices.reshape(len(rows), TRIES)
-        pick = table.argmin(axis=1)
-        better = table[rows, pick] < cost
-        place = (rows * TRIES + pick)[better]
-        centres[better], radii[better], cost[better] = tried[place], sizes[place], prices[place]
-        step = np.clip(np.where(better, 1.3 * step, 0.6 * step), 1e-6, 0.03)
-    if best[0] == math.inf:
-        return Least(distance=math.inf, centre=best[1], radius=best[2])
-    distance = max(0.0, float(truth.exact(best[1][np.newaxis])[0]) - best[2])
-    return Least(distance=distance, centre=best[1], radius=best[2])
+    local = [rng.uniform(-most, far + most, STARTS), off * np.cos(turn), off * np.sin(turn)]
+    centres: Array = np.column_stack(local) @ T_link_sensor[:3, :3].T + T_link_sensor[:3, 3]
+    return centres
