@@ -43,6 +43,11 @@ class Estimators:
                     bound=LowerBound(array, surface, assumptions),
                 )
 
+    def bound(self, link: str) -> LowerBound | None:
+        """Return the bound of a link's sensors, None where nothing is assumed or no ring answers for it."""
+        solvers = self._solvers.get(link)
+        return None if solvers is None else solvers.bound
+
     def of(self, ranges: NDArray[np.float64], kinematics: Kinematics) -> RingEstimates:
         """Return what one scan says of the link that is nearest to something.
 
