@@ -81,8 +81,10 @@ class LowerBound:
         bins = int(array.ranges_max.max() / bound_readings.STEP) + 2
         self._memory: Array = np.full((len(self._sensors), bins, 6), np.nan)
         none = np.full(len(self._sensors), np.inf)
+        self._leaves = bound_readings.prepare(self._link, self._sensors, self._radii, self._rules)
         self._silent = self._search(none, np.zeros(len(none), dtype=np.bool_))
         self._rules[2] = self.silent
+        self._leaves = bound_readings.prepare(self._link, self._sensors, self._radii, self._rules)
         self.of_many(none[np.newaxis])
 
     @property
@@ -124,14 +126,22 @@ class LowerBound:
         scans = _checked(readings, (None, len(self._sensors)))
         result = np.empty(len(scans))
         self._compiled.bounds_of(
-            self._link, self._sensors, self._radii, self._rules, self._memory, scans, result
+            self._link, self._leaves, self._sensors, self._radii, self._rules, self._memory, scans, result
         )
         return result
 
     def _search(self, readings: Array, own: NDArray[np.bool_]) -> Bound:
         found = np.empty(5)
         distance = self._compiled.bound_of(
-            self._link, self._sensors, self._radii, self._rules, self._memory, readings, own, found
+            self._link,
+            self._leaves,
+            self._sensors,
+            self._radii,
+            self._rules,
+            self._memory,
+            readings,
+            own,
+            found,
         )
         if distance == math.inf:
             return Bound(distance=None, centre=None, radius=None)

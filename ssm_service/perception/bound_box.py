@@ -18,27 +18,29 @@ SWEEPS = 8  # of its coordinate descent
 
 @compiled
 def look(task: Any, x: float, y: float, z: float, reach: float) -> Any:
-    """Return g (least distance from a sector to avoid), h (greatest from one to meet) and e [m].
+    """Return g (least distance from a sector to avoid), h (greatest from one to meet), e [m], and g's sensor.
 
     A ball that grazes the edge of a cone nearer than an echo's low touches both sectors, without being such
     an echo: the point where it comes nearest to the edge lies beyond low, t ≥ low. e is the least t − low.
     Where no ball with its centre within ``reach`` is admissible, h is inf.
     """
     _, _, _, _, sensors, lows, highs, radius_min, radius_max = task
-    g, h, e = math.inf, 0.0, math.inf
+    g, h, e, nearest = math.inf, 0.0, math.inf, -1
     for i in range(len(lows)):
         t, b = cone_coordinates(sensors[i], x, y, z)
         if lows[i] > 0.0:
-            g = min(g, sector_distance(t, b, lows[i]))
-            if g + reach + ROOM < radius_min:
-                return g, math.inf, e
+            d = sector_distance(t, b, lows[i])
+            if d < g:
+                g, nearest = d, i
+            if d + reach + ROOM < radius_min:
+                return g, math.inf, e, nearest
         if highs[i] < math.inf:
             h = max(h, sector_distance(t, b, highs[i]))
             if lows[i] > 0.0:
                 e = min(e, t - lows[i])
             if h - reach - ROOM > radius_max or e + reach + ROOM < 0.0:
-                return g, math.inf, e
-    return g, h, e
+                return g, math.inf, e, nearest
+    return g, h, e, nearest
 
 
 @compiled
@@ -144,6 +146,24 @@ def certificate(task: Any, m: Any, least: float, most: float, work: Any) -> Any:
 
 
 @compiled
+def excludes(sensor: Any, length: float, m: Any, radius: float) -> Any:
+    """Return whether all balls of that radius with centre in a box meet the sector.
+
+    The distance from a sector is convex, so that its greatest value is that of a corner.
+    """
+    for j in range(8):
+        x, y, z = (
+            m[0] + (1 - 2 * (j & 1)) * m[3],
+            m[1] + (1 - (j & 2)) * m[4],
+            m[2] + (1 - 0.5 * (j & 4)) * m[5],
+        )
+        t, b = cone_coordinates(sensor, x, y, z)
+        if sector_distance(t, b, length) + ROOM >= radius:
+            return False
+    return True
+
+
+@compiled
 def box_bound(task: Any, m: Any, limit: float, work: Any, found: Any) -> Any:
     """Return a lower bound of the gap of the admissible balls with centre in a box; inf: there are none.
 
@@ -154,13 +174,20 @@ def box_bound(task: Any, m: Any, limit: float, work: Any, found: Any) -> Any:
         work: Scratch of ``certificate``.
         found: (5,) gap, centre and radius of the best ball so far; replaced by a better one.
     """
-    levels, values, box, points, _, _, _, radius_min, radius_max = task
+    levels, values, box, points, sensors, lows, _, radius_min, radius_max = task
     reach = math.sqrt(m[3] * m[3] + m[4] * m[4] + m[5] * m[5])
     x, y, z = m[0], m[1], m[2]
-    g, h, e = look(task, x, y, z, reach)
+    g, h, e, nearest = look(task, x, y, z, reach)
     least = max(radius_min, h - reach - ROOM)
     most = min(radius_max, g + reach + ROOM)
     if least > most:
+        return math.inf
+    edge = min(m[3], min(m[4], m[5]))
+    if (
+        edge > 0.0
+        and g + edge + ROOM < radius_min
+        and excludes(sensors[nearest], lows[nearest], m, radius_min)
+    ):
         return math.inf
     squared = squared_minus(levels, values, box, x, y, z) + (x * x + y * y + z * z)
     distance = math.sqrt(max(0.0, squared))
@@ -177,7 +204,9 @@ def box_bound(task: Any, m: Any, limit: float, work: Any, found: Any) -> Any:
         if gap < found[0]:
             found[0], found[1], found[2], found[3], found[4] = gap, x, y, z, radius
     bound = max(0.0, distance - reach - most)
-    if bound < limit and 0.0 < reach < 0.06:
+    # A box whose balls are all nearer must be cut on whatever a certificate says, unless it is of the last.
+    worth = limit == math.inf or bound + 2.0 * reach >= limit or reach < 0.002
+    if bound < limit and 0.0 < reach < 0.06 and worth:
         bound = max(bound, certificate(task, m, least, most, work))
     return bound
 

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..model.compiled import compiled
+from ..model.link_table import squared_minus
+from .bound_box import ROOM, look
+from .bound_leaves import leaves_of, opened
 from .bound_search import MOST, search
 from .sectors import cone_coordinates, sector_distance
 
@@ -55,7 +58,8 @@ def solve(
     found[0] = limit
     levels, values, box, points = link
     least, most = radii[0], radii[0]  # unseen, the least ball comes nearest, as it fits into any other
-    root = np.empty(6)
+    roots = np.empty((1, 6))
+    root = roots[0]
     lower, upper = np.full(3, -math.inf), np.full(3, math.inf)
     for i in range(len(lows)):
         if highs[i] < math.inf:
@@ -97,7 +101,7 @@ def solve(
     chosen = kept_sensors[:kept], kept_lows[:kept], kept_highs[:kept]
     task = (levels, values, box, points, chosen[0], chosen[1], chosen[2], least, most)
     smallest = SMALLEST_SINGLE if echoes == 1 else SMALLEST
-    bound, _ = search(task, root, tolerance, smallest, MOST, found)
+    bound, _ = search(task, roots, np.zeros(1), np.zeros(1, np.int64), tolerance, smallest, MOST, found)
     return min(bound, limit)
 
 
@@ -119,55 +123,119 @@ def _meet(sensor: Any, length: float, margin: float, lower: Any, upper: Any) -> 
 
 
 @compiled
-def hidden(
-    link: Any, sensors: Any, lows: Any, highs: Any, radii: Any, error: float, silent: float, found: Any
-) -> Any:
-    """Return the bound where another ball than those of the echoes may hide; inf where one is not explained.
-
-    A ball that comes nearer than the silent bound meets the sector that silence would have kept free of one
-    of the sensors with an echo, but none up to the reading. The least ball comes nearest. And each echo must
-    be that of some ball.
+def explained(link: Any, sensors: Any, lows: Any, highs: Any, radii: Any, which: int, found: Any) -> Any:
+    """Return whether an echo may be that of some ball: of one of a few likely ones, else of any.
 
     Args:
         link: As for ``solve``.
         sensors: (k, 10).
         lows: (k,) [m].
+        highs: (k,) [m].
+        radii: (2,) [m].
+        which: The sensor.
+        found: (5,) gap, centre and radius of the nearest ball so far; replaced by one that is nearer.
+    """
+    levels, values, box, points = link
+    radius, s = radii[0], sensors[which]
+    silent = np.full(len(lows), math.inf)
+    silent[which] = highs[which]
+    length = lows[which] + 2e-6 if lows[which] > 0.0 else highs[which]
+    fits = False
+    task = (levels, values, box, points, sensors, lows, silent, radius, radius)
+    # Two directions square to the axis; the axis' least component gives a vector that is not along it.
+    least = 3
+    if abs(s[4]) < abs(s[least]):
+        least = 4
+    if abs(s[5]) < abs(s[least]):
+        least = 5
+    u, v = np.empty(3), np.empty(3)
+    for a in range(3):
+        u[a] = (1.0 if a + 3 == least else 0.0) - s[least] * s[3 + a]
+    u /= math.sqrt(1.0 - s[least] * s[least])
+    v[0] = s[4] * u[2] - s[5] * u[1]
+    v[1] = s[5] * u[0] - s[3] * u[2]
+    v[2] = s[3] * u[1] - s[4] * u[0]
+    half = math.atan2(s[7], s[6])
+    for n in range(17):
+        # On the axis, then half way to the edge, then outside, where the ball touches the edge ray's end.
+        off, far = 0.0, length - 1e-6 + radius
+        if n > 8:
+            far = math.hypot(length - 1e-6, radius - 1e-6)
+            off = half + math.atan2(radius - 1e-6, length - 1e-6)
+        elif n > 0:
+            off = 0.5 * half
+        turn = 0.25 * math.pi * n
+        along, across = far * math.cos(off), far * math.sin(off)
+        p, q = across * math.cos(turn), across * math.sin(turn)
+        x = s[0] + along * s[3] + p * u[0] + q * v[0]
+        y = s[1] + along * s[4] + p * u[1] + q * v[1]
+        z = s[2] + along * s[5] + p * u[2] + q * v[2]
+        g, h, e, _ = look(task, x, y, z, 0.0)
+        if g >= radius and h <= radius + ROOM and e >= -ROOM:
+            squared = squared_minus(levels, values, box, x, y, z) + (x * x + y * y + z * z)
+            if squared >= radius * radius:
+                fits = True
+                gap = math.sqrt(squared) - radius
+                if gap < found[0]:
+                    found[0], found[1], found[2], found[3], found[4] = gap, x, y, z, radius
+    return fits or solve(link, sensors, lows, silent, radii, math.inf, math.inf, np.empty(5)) < math.inf
+
+
+@compiled
+def hidden(
+    link: Any, leaves: Any, sensors: Any, lows: Any, highs: Any, radii: Any, silent: float, found: Any
+) -> Any:
+    """Return the bound where another ball than those of the echoes may hide; inf where one is not explained.
+
+    The least ball comes nearest, and it meets no sector up to the reading. Where it is nearer than the silent
+    bound, some silence would have excluded it: only boxes are left where that of no silent sensor does. And
+    each echo must be that of some ball.
+
+    Args:
+        link: As for ``solve``.
+        leaves: What ``leaves_of`` returned, and ``free``.
+        sensors: (k, 10).
+        lows: (k,) [m].
         highs: (k,) of echoes to be explained, else inf [m].
         radii: (2,) [m].
-        error: ε [m].
         silent: The silent bound [m].
         found: (5,) written; the gap inf where the silent bound stands.
     """
-    best = silent
-    chosen, other = np.empty(5), np.full(len(lows), math.inf)
-    chosen[:] = math.inf
+    boxes, keys, masks, free = leaves
+    levels, values, box, points = link
+    found[:] = math.inf
+    found[0] = silent
     for i in range(len(lows)):
-        if highs[i] < math.inf:
-            other[i] = highs[i]
-            if solve(link, sensors, lows, other, radii, math.inf, math.inf, found) == math.inf:
-                return math.inf
-            other[i] = math.inf
-    for i in np.argsort(lows):  # the nearest first: it leaves the others least to do
-        free = limits(sensors[i], math.inf, error)[0]
-        if lows[i] < free:
-            other[i] = free
-            bound = solve(link, sensors, lows, other, radii[:1].repeat(2), best, TOLERANCE, found)
-            if bound < best:
-                best = bound
-                chosen[:] = found
-            other[i] = math.inf
-    found[:] = chosen
-    return best
+        if highs[i] < math.inf and not explained(link, sensors, lows, highs, radii, i, found):
+            return math.inf
+    order = opened(masks, keys, lows, free, found[0])
+    # Echoes first: what opened a box is what may exclude it yet.
+    echoes = np.argsort(lows - free)
+    none = np.full(len(lows), math.inf)
+    task = (levels, values, box, points, sensors[echoes], lows[echoes], none, radii[0], radii[0])
+    bound, _ = search(task, boxes, keys, order, TOLERANCE, SMALLEST, MOST, found)
+    if found[1] == math.inf:
+        found[0] = math.inf
+    return min(bound, silent)
 
 
 @compiled
 def bound_of(
-    link: Any, sensors: Any, radii: Any, rules: Any, memory: Any, readings: Any, own: Any, found: Any
+    link: Any,
+    leaves: Any,
+    sensors: Any,
+    radii: Any,
+    rules: Any,
+    memory: Any,
+    readings: Any,
+    own: Any,
+    found: Any,
 ) -> Any:
     """Return the bound of one scan [m], inf where no ball is admissible.
 
     Args:
         link: As for ``solve``.
+        leaves: As for ``hidden``.
         sensors: (k, 10).
         radii: (2,) [m].
         rules: (3,) ε [m]; 1.0 for ``many`` obstacles, else 0; the silent bound, nan where not known yet [m].
@@ -199,7 +267,7 @@ def bound_of(
     for i in range(count):
         any_high = any_high or highs[i] < math.inf
     if not math.isnan(silent) and (rules[1] != 0.0 or not any_high):
-        bound = hidden(link, sensors, lows, highs, radii, error, silent, found)
+        bound = hidden(link, leaves, sensors, lows, highs, radii, silent, found)
     else:
         bound = solve(link, sensors, lows, highs, radii, math.inf, TOLERANCE, found)
     if place >= 0:
@@ -209,8 +277,19 @@ def bound_of(
 
 
 @compiled
+def prepare(link: Any, sensors: Any, radii: Any, rules: Any) -> Any:
+    """Return ``leaves`` for ``bound_of``; none where the silent bound is not known or leaves no room."""
+    free = np.empty(len(sensors))
+    for i in range(len(sensors)):
+        free[i] = limits(sensors[i], math.inf, rules[0])[0]
+    silent = 0.0 if math.isnan(rules[2]) else rules[2]
+    boxes, keys, masks = leaves_of(link, sensors, free, radii[0], silent)
+    return boxes, keys, masks, free
+
+
+@compiled
 def bounds_of(
-    link: Any, sensors: Any, radii: Any, rules: Any, memory: Any, readings: Any, result: Any
+    link: Any, leaves: Any, sensors: Any, radii: Any, rules: Any, memory: Any, readings: Any, result: Any
 ) -> None:
     """Write the bounds of many scans, (n, k), into ``result``, (n,); nan where no ball is admissible."""
     found, own = np.empty(5), np.zeros(readings.shape[1], np.bool_)
@@ -221,5 +300,5 @@ def bounds_of(
         if silent or (rules[1] != 0.0 and rules[2] == 0.0):
             result[n] = rules[2]
             continue
-        bound = bound_of(link, sensors, radii, rules, memory, readings[n], own, found)
+        bound = bound_of(link, leaves, sensors, radii, rules, memory, readings[n], own, found)
         result[n] = bound if bound < math.inf else math.nan

@@ -14,7 +14,16 @@ MOST = 400_000  # boxes; then the bound reached so far is returned
 
 
 @compiled
-def search(task: Any, root: Any, tolerance: float, smallest: float, most: int, found: Any) -> Any:
+def search(
+    task: Any,
+    roots: Any,
+    starts: Any,
+    order: Any,
+    tolerance: float,
+    smallest: float,
+    most: int,
+    found: Any,
+) -> Any:
     """Return a lower bound of the gap of all admissible balls [m], at most ``tolerance`` or so below it.
 
     Boxes of centres are cut in half in the order of their bounds. The least of the bounds of the boxes still
@@ -24,7 +33,9 @@ def search(task: Any, root: Any, tolerance: float, smallest: float, most: int, f
         task: Distance table (levels, values, box, near points), sensors (k, 8), lows (k,) [m]: the sectors of
             these lengths must not be met; 0 or less: none; highs (k,) [m]: those of these must be met; inf:
             none; least and greatest radius [m].
-        root: (6,) centre and half edges of a box that holds the centres in question [m].
+        roots: (n, 6) centres and half edges of boxes that hold the centres in question [m].
+        starts: (n,) lower bounds of the gaps in them [m].
+        order: Indices of those to search, with ascending bounds.
         tolerance: [m].
         smallest: Half diagonal of boxes that are not cut further [m].
         most: Boxes to look at, at most.
@@ -36,13 +47,27 @@ def search(task: Any, root: Any, tolerance: float, smallest: float, most: int, f
     work = scratch()
     size = 1024
     boxes, keys, heap = np.empty((size, 6)), np.empty(size), np.empty(size, np.int64)
-    boxes[0] = root
-    keys[0] = box_bound(task, root, math.inf, work, found)
-    if keys[0] == math.inf:
-        return math.inf, 1
-    heap[0] = 0
-    open_, used = 1, 1
-    while open_ > 0:
+    open_, used, taken = 0, 0, 0
+    while open_ > 0 or taken < len(order):
+        while taken < len(order) and (open_ == 0 or starts[order[taken]] <= keys[heap[0]]):
+            start = starts[order[taken]]
+            if start >= found[0] - tolerance:
+                if open_ == 0:
+                    return min(start, found[0]), used
+                taken = len(order)  # none of the others could matter
+                break
+            boxes[used] = roots[order[taken]]
+            keys[used] = max(start, box_bound(task, boxes[used], found[0] - tolerance, work, found))
+            taken += 1
+            if keys[used] < found[0]:
+                _rise(heap, keys, open_, used)
+                open_ += 1
+                used += 1
+                if used + 1 >= size:
+                    size *= 2
+                    boxes, keys, heap = _grown(boxes, keys, heap, used, open_)
+        if open_ == 0:
+            break
         top = heap[0]
         bound = keys[top]
         m = boxes[top]
@@ -55,9 +80,7 @@ def search(task: Any, root: Any, tolerance: float, smallest: float, most: int, f
             _sink(heap, keys, open_, heap[open_])
         if used + 1 >= size:
             size *= 2
-            more_boxes, more_keys, more_heap = np.empty((size, 6)), np.empty(size), np.empty(size, np.int64)
-            more_boxes[:used], more_keys[:used], more_heap[:open_] = boxes[:used], keys[:used], heap[:open_]
-            boxes, keys, heap = more_boxes, more_keys, more_heap
+            boxes, keys, heap = _grown(boxes, keys, heap, used, open_)
             m = boxes[top]
         side = 3
         if m[4] > m[side]:
@@ -78,6 +101,15 @@ def search(task: Any, root: Any, tolerance: float, smallest: float, most: int, f
                 open_ += 1
         used += 1
     return (math.inf if found[0] == math.inf else found[0]), used
+
+
+@compiled
+def _grown(boxes: Any, keys: Any, heap: Any, used: int, open_: int) -> Any:
+    """Return larger copies of what the search holds."""
+    size = 2 * len(keys)
+    more_boxes, more_keys, more_heap = np.empty((size, 6)), np.empty(size), np.empty(size, np.int64)
+    more_boxes[:used], more_keys[:used], more_heap[:open_] = boxes[:used], keys[:used], heap[:open_]
+    return more_boxes, more_keys, more_heap
 
 
 @compiled
