@@ -113,7 +113,7 @@ SWEEP = (
     Case(design="wide", radius_min=0.05, radius_max=0.1, error=0.02, part=40),
     Case(design="wide", radius_min=0.03, radius_max=0.2, error=0.005, part=4),
     _covered(0.05, 0.15, 0.02, part=8),
-    _covered(0.05, 0.15, 0.02, link="upper_arm_link", part=4),
+    _covered(0.05, 0.15, 0.02, link="upper_arm_link", part=2),
     _covered(0.05, 0.15, 0.02, balls=3, part=36),
     _covered(0.05, 0.15, 0.02, balls=3, link="upper_arm_link", part=32),
     _covered(0.08, 0.1, 0.06, balls=2, part=20),
