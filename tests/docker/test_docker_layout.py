@@ -112,8 +112,8 @@ def wait_for(what, end: float, layout: Layout):
 
 
 def wait_for_motion(layout: Layout) -> None:
-    """Wait until both robots have left `stop`, which takes at most 30 s."""
-    end = time.monotonic() + 30.0
+    """Wait until both robots have left `stop`, which takes at most 60 s."""
+    end = time.monotonic() + 60.0
     for robot in ROBOTS:
         with client(layout, robot) as one:
             wait_for(lambda one=one: one.zone().zone != "stop", end, layout)
