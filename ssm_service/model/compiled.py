@@ -28,7 +28,7 @@ def compiled(function: _F) -> _F:
     try:
         kept = numba.njit(cache=True, **options)(function)
         file = kept._cache._cache_file
-        file._source_stamp = (file._source_stamp, _sources())
+        file._source_stamp = (file._source_stamp, sources())
         return cast(_F, kept)
     except (RuntimeError, OSError, AttributeError):
         # No folder can be written to, or numba keeps its caches in another way: each process compiles anew.
@@ -36,7 +36,7 @@ def compiled(function: _F) -> _F:
 
 
 @cache
-def _sources() -> str:
+def sources() -> str:
     """Return a digest of all sources that compiled functions may come from."""
     digest = hashlib.sha256()
     package = Path(__file__).resolve().parents[1]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,8 +16,12 @@ from ..config.schema import AssumptionsConfig
 from ..errors import InputError
 from ..model.link_distance import LinkDistance
 from ..model.rings import SensorArray
+from . import bound_store
 
 Array = NDArray[np.float64]
+
+_MOST_SENSORS: Final = 16  # of a table of single echoes
+_CHUNK: Final = 64  # bins between two questions whether to go on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,7 +60,11 @@ class LowerBound:
     """
 
     def __init__(
-        self, array: SensorArray, link_distance: LinkDistance, assumptions: AssumptionsConfig
+        self,
+        array: SensorArray,
+        link_distance: LinkDistance,
+        assumptions: AssumptionsConfig,
+        kept: bool = True,
     ) -> None:
         """Prepare the search, and compile it where that was not done before.
 
@@ -61,6 +72,7 @@ class LowerBound:
             array: The sensors of one link.
             link_distance: Of the same link.
             assumptions: What is taken for granted.
+            kept: Whether to load and keep what ``fill`` finds, in the user's cache.
 
         Raises:
             InputError: ``wrong_link``: array and distance are of different links.
@@ -85,12 +97,59 @@ class LowerBound:
         self._silent = self._search(none, np.zeros(len(none), dtype=np.bool_))
         self._rules[2] = self.silent
         self._leaves = bound_readings.prepare(self._link, self._sensors, self._radii, self._rules)
+        self._fill_some(0, 0)  # compiled here, like all that later calls need
         self.of_many(none[np.newaxis])
+        self._name = f"bound-{self._digest()}" if kept and self._fits else ""
+        table = bound_store.load(self._name, self._memory.shape) if self._name else None
+        if table is not None and not np.isnan(table[:, :, 0]).any():
+            self._memory = table
 
     @property
     def silent(self) -> float:
         """The bound when every sensor is silent [m]: how near a ball comes unseen."""
         return math.inf if self._silent.distance is None else self._silent.distance
+
+    @property
+    def _fits(self) -> bool:
+        """Whether single echoes are worth a table: with many balls about they say little alone."""
+        return not self._many and len(self._sensors) <= _MOST_SENSORS
+
+    def fill(self, keep_on: Callable[[], bool] = lambda: True) -> bool:
+        """Find the bounds of all single echoes beforehand, and keep them on disk for the next time.
+
+        Without it each is found when it first occurs. Other threads may use this bound meanwhile.
+
+        Args:
+            keep_on: Asked some ten times a second or more often; False ends it.
+
+        Returns:
+            Whether all are known now; False also where no table is made.
+        """
+        if not self._fits:
+            return False
+        missing, cells = np.isnan(self._memory[:, :, 0]).any(), self._memory[:, :, 0].size
+        for first in range(0, cells if missing else 0, _CHUNK):
+            if not keep_on():
+                return False
+            self._fill_some(first, first + _CHUNK)
+        if missing and self._name:
+            bound_store.save(self._name, self._memory)
+        return True
+
+    def _fill_some(self, first: int, last: int) -> None:
+        k = len(self._sensors)
+        scratch = np.empty(k), np.zeros(k, dtype=np.bool_), np.empty(5)
+        fixed = self._link, self._leaves, self._sensors, self._radii, self._rules, self._memory
+        self._compiled.fill_bins(*fixed, *scratch, first, last)
+
+    def _digest(self) -> str:
+        """Return a digest of all that the table depends on."""
+        from ..model.compiled import sources
+
+        digest = hashlib.sha256(f"{sources()} {self._memory.shape} {sys.byteorder}".encode())
+        for array in (*self._link, self._sensors, self._radii, self._rules):
+            digest.update(f"{array.shape} {array.dtype}".encode() + np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
 
     def of(self, readings: ArrayLike, own: ArrayLike | None = None) -> Bound:
         """Return the bound of one scan.
