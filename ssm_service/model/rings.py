@@ -107,6 +107,7 @@ class SensorArray:
         rings: Its rings, in the order of the robot file.
         indices: (k,) places of its sensors in the readings of all rings.
         transforms_sensor_to_link: (k, 4, 4) [m], read-only, like all arrays here.
+        transform_link_to_first_sensor: (4, 4) [m], the inverse of the first of them.
         half_angles: (k,) [rad].
         ranges_min: (k,) [m].
         ranges_max: (k,) [m].
@@ -116,6 +117,7 @@ class SensorArray:
     rings: tuple[Ring, ...]
     indices: NDArray[np.intp]
     transforms_sensor_to_link: NDArray[np.float64]
+    transform_link_to_first_sensor: NDArray[np.float64]
     half_angles: NDArray[np.float64]
     ranges_min: NDArray[np.float64]
     ranges_max: NDArray[np.float64]
@@ -141,11 +143,13 @@ class SensorArray:
             T_link_parent @ ring.transform_ring_to_parent @ ring.transform_sensors_to_ring
             for ring, T_link_parent in zip(rings, transforms_parent_to_link, strict=True)
         ]
+        every = np.concatenate(transforms)
         made = cls(
             link=link,
             rings=tuple(rings),
             indices=np.concatenate([np.arange(part.start, part.stop, dtype=np.intp) for part in slices]),
-            transforms_sensor_to_link=np.concatenate(transforms),
+            transforms_sensor_to_link=every,
+            transform_link_to_first_sensor=np.linalg.inv(every[0]),
             half_angles=np.repeat([ring.half_angle for ring in rings], counts),
             ranges_min=np.repeat([ring.range_min for ring in rings], counts),
             ranges_max=np.repeat([ring.range_max for ring in rings], counts),
@@ -153,6 +157,7 @@ class SensorArray:
         for array in (
             made.indices,
             made.transforms_sensor_to_link,
+            made.transform_link_to_first_sensor,
             made.half_angles,
             made.ranges_min,
             made.ranges_max,

@@ -21,6 +21,7 @@ class _Solvers(Struct, frozen=True, kw_only=True, eq=False):
     surface: LinkDistance
     fit: SphereFit
     bound: LowerBound
+    transform_link_to_ring: NDArray[np.float64]
 
 
 class Estimators:
@@ -33,11 +34,15 @@ class Estimators:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._solvers: dict[str, _Solvers] = {}
+        self._arrays = {array.link: array for array in robot.sensor_arrays}
+        self._ring_of_sensor = [i for i, ring in enumerate(robot.rings) for _ in range(ring.count)]
         assumptions = robot.config.file.assumptions
         if assumptions is not None:
             for array in answering_arrays(robot):
                 surface = LinkDistance(robot, array.link)
+                T_ring_sensor = array.rings[0].transform_sensors_to_ring[0]
                 self._solvers[array.link] = _Solvers(
+                    transform_link_to_ring=T_ring_sensor @ array.transform_link_to_first_sensor,
                     surface=surface,
                     fit=SphereFit(array, surface, assumptions),
                     bound=LowerBound(array, surface, assumptions),
@@ -58,7 +63,7 @@ class Estimators:
             kinematics: The frames now.
         """
         robot = self._robot
-        index = int(np.argmin([np.min(ranges[part]) for part in robot.ring_slices]))
+        index = self._ring_of_sensor[int(ranges.argmin())]
         part = robot.ring_slices[index]
         by_ring = estimate(
             robot.rings[index],
@@ -67,7 +72,7 @@ class Estimators:
             first_sensor=part.start + 1,
         )
         link = robot.link_of_sensor[part.start]
-        array = next(array for array in robot.sensor_arrays if array.link == link)
+        array = self._arrays[link]
         solvers = self._solvers.get(link)
         if solvers is None:
             reasons = {"sphere_fit": NO_ASSUMPTIONS, "lower_bound": NO_ASSUMPTIONS}
@@ -122,16 +127,14 @@ def _bound(
     return Estimate(
         distance=found.distance,
         position=_in_base(T_base_link, on_ball),
-        bearing=_bearing(array, found.centre),
+        bearing=_bearing(solvers.transform_link_to_ring, found.centre),
         sensors=_numbers(array, np.flatnonzero(np.isfinite(readings)).tolist()),
     )
 
 
-def _bearing(array: SensorArray, point: NDArray[np.float64]) -> float:
+def _bearing(T_ring_link: NDArray[np.float64], point: NDArray[np.float64]) -> float:
     """Return the bearing of ``point`` (3,), link frame, about the first ring's axis from its sensor 1."""
-    T_ring_sensor = array.rings[0].transform_sensors_to_ring[0]
-    T_link_ring = array.transforms_sensor_to_link[0] @ np.linalg.inv(T_ring_sensor)
-    x, y, _ = (T_link_ring[:3, :3].T @ (point - T_link_ring[:3, 3])).tolist()
+    x, y, _ = (T_ring_link[:3, :3] @ point + T_ring_link[:3, 3]).tolist()
     return math.atan2(y, x)
 
 

@@ -14,6 +14,8 @@ from ..perception import Bound, LowerBound, OwnLinks
 from ..safety import ZoneProfile
 from .decision import Nearest
 
+_STEPS = 1e-3 * np.vstack((np.eye(3), -np.eye(3)))
+
 
 class RangeReading(Struct, frozen=True, kw_only=True, eq=False):
     """One scan as the profile takes it.
@@ -220,7 +222,7 @@ def answering_arrays(robot: Robot) -> list[SensorArray]:
 def link_pose(array: SensorArray, kinematics: Kinematics) -> NDArray[np.float64]:
     """Return the pose of the link that carries ``array``, (4, 4), to the base frame [m]."""
     T_base_sensor = kinematics.transform_sensor_to_base(int(array.indices[0]))
-    T_base_link: NDArray[np.float64] = T_base_sensor @ np.linalg.inv(array.transforms_sensor_to_link[0])
+    T_base_link: NDArray[np.float64] = T_base_sensor @ array.transform_link_to_first_sensor
     return T_base_link
 
 
@@ -264,12 +266,12 @@ def towards_link(surface: LinkDistance, point: NDArray[np.float64]) -> NDArray[n
 
     It is the gradient of the distance, by central differences over 2 mm.
     """
-    steps = 1e-3 * np.vstack((np.eye(3), -np.eye(3)))
-    distances = surface.distance(point + steps)
-    gradient = distances[:3] - distances[3:]
-    length = float(np.linalg.norm(gradient))
+    distances = surface.distance(point + _STEPS)
+    gradient = distances[3:] - distances[:3]
+    x, y, z = gradient.tolist()
+    length = math.hypot(x, y, z)
     if length > 0.0:
-        return np.asarray(-gradient / length)
+        return gradient / length
     return np.array([0.0, 0.0, 1.0])  # in the very middle of something: any direction is as good
 
 
