@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+import sys
 from functools import cached_property
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, listed
+from . import store
 from .link_samples import LinkGeometry
 from .robot import Robot
 
@@ -44,8 +48,8 @@ class LinkDistance:
     Points inside the link have distance 0 as soon as they lie one cell deep. Inside is what a ball of 9 mm
     cannot get to from outside: hollow links count as solid, and narrower passages as closed.
 
-    The table is made at the first use (one to two seconds) and holds some 8 MB. Calls from several threads
-    are safe once it is made.
+    The table is made at the first use (one to two seconds) and holds some 8 MB. It is kept in the user's
+    cache, and shared by all links of the same shape. Calls from several threads are safe once it is made.
     """
 
     def __init__(self, robot: Robot, link: str) -> None:
@@ -84,18 +88,43 @@ class LinkDistance:
         shape = self._geometry.fingerprint()
         made = _MADE.get(shape)
         if made is None:
-            made = self._make()
+            made = self._kept(f"link-{_digest(shape)}")
             while len(_MADE) >= _KEPT:
                 _MADE.pop(next(iter(_MADE)), None)
             _MADE[shape] = made
         return made
 
-    def _make(self) -> _Tables:
-        levels, values, points, first = [], [], [], 0
-        for number, (margin, spacing, covering) in enumerate(_LEVELS):
+    def _kept(self, name: str) -> _Tables:
+        """Return the tables from disk; where they are not, make them and put them there."""
+        levels, nodes, near = self._levels()
+        content = store.load(name, 4 * nodes + 12 * near)
+        if content is None:
+            made = self._make()
+            store.save(name, made[1].tobytes() + made[3].tobytes())
+            return made
+        values = np.frombuffer(content, np.float32, nodes)
+        points = np.frombuffer(content, np.float32, offset=4 * nodes).reshape(near, 3)
+        for array in (levels, box := self.box):
+            array.flags.writeable = False
+        return levels, values, box, points
+
+    def _levels(self) -> tuple[Array, int, int]:
+        """Return the levels (n, 8), the number of nodes of all, and of those with near points."""
+        levels, first, near = [], 0, 0
+        for number, (margin, spacing, _) in enumerate(_LEVELS):
             origin = self._geometry.lower - margin
             counts = np.ceil((self._geometry.upper + margin - origin) / spacing).astype(int) + 1
-            axes = [origin[i] + spacing * np.arange(counts[i]) for i in range(3)]
+            levels.append([*origin, spacing, *counts, first])
+            first += int(np.prod(counts))
+            near = first if number < _WITH_POINTS else near
+        return np.array(levels), first, near
+
+    def _make(self) -> _Tables:
+        levels, _, _ = self._levels()
+        values, points = [], []
+        for number, (level, (_, spacing, covering)) in enumerate(zip(levels, _LEVELS, strict=True)):
+            counts = level[4:7].astype(int)
+            axes = [level[i] + spacing * np.arange(counts[i]) for i in range(3)]
             nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
             near, squared = self._geometry.nearest(nodes, covering)
             if number == 0:
@@ -104,9 +133,7 @@ class LinkDistance:
                 points.append(near.astype(np.float32))
             exact = squared - np.einsum("ij,ij->i", nodes, nodes) - _ROUNDING
             values.append(np.nextafter(exact.astype(np.float32), np.float32(-np.inf)))
-            levels.append([*origin, spacing, *counts, first])
-            first += len(nodes)
-        made = np.array(levels), np.concatenate(values), self.box, np.concatenate(points)
+        made = levels, np.concatenate(values), self.box, np.concatenate(points)
         for array in made:
             array.flags.writeable = False
         return made
@@ -152,6 +179,13 @@ class LinkDistance:
         # a point nearer than the margin lies in that level. One level more, as d itself is too small.
         level = np.minimum(np.searchsorted(0.9 * margins, d), len(margins) - 1)
         return np.asarray(2.0 * np.sqrt(3.0) * spacings[level])
+
+
+def _digest(shape: bytes) -> str:
+    """Return a digest of all that a table depends on: the link's shape, and how tables are made."""
+    here = Path(__file__).parent
+    how = b"".join((here / name).read_bytes() for name in ("link_distance.py", "link_samples.py"))
+    return hashlib.sha256(shape + how + sys.byteorder.encode()).hexdigest()
 
 
 def _inside(squared: Array, spacing: float) -> NDArray[np.bool_]:

@@ -53,6 +53,11 @@ class Estimators:
         solvers = self._solvers.get(link)
         return None if solvers is None else solvers.bound
 
+    def fill(self) -> None:
+        """Make the bounds' tables of single echoes, where they are worth one; half a minute at first."""
+        for solvers in self._solvers.values():
+            solvers.bound.fill()
+
     def of(self, ranges: NDArray[np.float64], kinematics: Kinematics) -> RingEstimates:
         """Return what one scan says of the link that is nearest to something.
 

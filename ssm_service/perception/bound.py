@@ -14,14 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..config.schema import AssumptionsConfig
 from ..errors import InputError
+from ..model import store
 from ..model.link_distance import LinkDistance
 from ..model.rings import SensorArray
-from . import bound_store
 
 Array = NDArray[np.float64]
 
 _MOST_SENSORS: Final = 16  # of a table of single echoes
 _CHUNK: Final = 64  # bins between two questions whether to go on
+_KEPT_EVERY: Final = 40  # chunks, some two seconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,9 +101,9 @@ class LowerBound:
         self._fill_some(0, 0)  # compiled here, like all that later calls need
         self.of_many(none[np.newaxis])
         self._name = f"bound-{self._digest()}" if kept and self._fits else ""
-        table = bound_store.load(self._name, self._memory.shape) if self._name else None
-        if table is not None and not np.isnan(table[:, :, 0]).any():
-            self._memory = table
+        content = store.load(self._name, self._memory.nbytes) if self._name else None
+        if content is not None:
+            self._memory = np.frombuffer(content).reshape(self._memory.shape).copy()
 
     @property
     def silent(self) -> float:
@@ -117,7 +118,8 @@ class LowerBound:
     def fill(self, keep_on: Callable[[], bool] = lambda: True) -> bool:
         """Find the bounds of all single echoes beforehand, and keep them on disk for the next time.
 
-        Without it each is found when it first occurs. Other threads may use this bound meanwhile.
+        Without it each is found when it first occurs. Other threads may use this bound meanwhile. What is
+        found is kept now and then, so that the next process goes on where this one was ended.
 
         Args:
             keep_on: Asked some ten times a second or more often; False ends it.
@@ -127,13 +129,14 @@ class LowerBound:
         """
         if not self._fits:
             return False
-        missing, cells = np.isnan(self._memory[:, :, 0]).any(), self._memory[:, :, 0].size
-        for first in range(0, cells if missing else 0, _CHUNK):
+        unknown = np.isnan(self._memory[:, :, 0]).ravel()
+        firsts = [first for first in range(0, len(unknown), _CHUNK) if unknown[first : first + _CHUNK].any()]
+        for number, first in enumerate(firsts, start=1):
             if not keep_on():
                 return False
             self._fill_some(first, first + _CHUNK)
-        if missing and self._name:
-            bound_store.save(self._name, self._memory)
+            if self._name and (number % _KEPT_EVERY == 0 or number == len(firsts)):
+                store.save(self._name, self._memory.tobytes())
         return True
 
     def _fill_some(self, first: int, last: int) -> None:

@@ -53,9 +53,9 @@ class EvaluatingWorker:
     def __init__(self, options: WorkerOptions, session: zenoh.Session) -> None:
         self._robot = Robot.load(Path(options.robot_file))
         self._evaluator = Evaluator(self._robot, zone_profile(self._robot, options.profile))
-        self._preparing = threading.Thread(target=self._evaluator.prepare, daemon=True)
-        self._preparing.start()
-        self._preparing.join(PATIENCE_S)
+        self._prepared = threading.Event()
+        threading.Thread(target=self._prepare, name="tables", daemon=True).start()
+        self._prepared.wait(PATIENCE_S)
         self._name = options.name
         keys = Keys(options.name)
         self._keys = {name: keys.output(name) for name in ("evaluate", "frames")}
@@ -72,6 +72,13 @@ class EvaluatingWorker:
         self._queryables = [
             session.declare_queryable(key, partial(self._enqueue, name)) for name, key in self._keys.items()
         ]
+
+    def _prepare(self) -> None:
+        self._evaluator.prepare()
+        self._prepared.set()
+        # Only this thread gives way, and only now: what follows can wait, the loop beside it cannot.
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+        self._evaluator.fill()
 
     def run(self) -> None:
         """Answer for ever."""
@@ -122,7 +129,7 @@ class EvaluatingWorker:
     def _one(self, payload: bytes) -> m.EvaluateOutput | m.EvaluateError:
         try:
             question = question_from(self._robot, self._question.decode(payload))
-            if question.ranges is not None and self._preparing.is_alive():
+            if question.ranges is not None and not self._prepared.is_set():
                 allowed = "ask again: tables for `ranges` are being made, which takes longest the first time"
                 raise InputError("preparing", "ranges", "a service that has just started", allowed)
             return evaluate_message(self._evaluator.evaluate(question))

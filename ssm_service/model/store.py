@@ -1,4 +1,4 @@
-"""Tables of single echoes, kept on disk between runs: believed only where nothing has changed."""
+"""Tables that take seconds to make, kept on disk between runs: believed only where nothing has changed."""
 
 from __future__ import annotations
 
@@ -7,11 +7,7 @@ import os
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from typing import Final
 
 
 def folder() -> Path:
@@ -20,21 +16,23 @@ def folder() -> Path:
     return (Path(cache) if os.path.isabs(cache) else Path.home() / ".cache") / "ssm-service"
 
 
-def load(name: str, shape: tuple[int, ...]) -> Array | None:
-    """Return the table of that name; None where it is missing, damaged or of another shape."""
+MOST: Final = 64
+"""Tables that are kept; of more, the oldest are removed."""
+
+
+def load(name: str, size: int) -> bytes | None:
+    """Return the table of that name; None where it is missing, damaged or of another size [bytes]."""
     try:
         content = (folder() / name).read_bytes()
     except (OSError, RuntimeError):  # RuntimeError: nobody's home
         return None
-    size = 8 * int(np.prod(shape))
     if len(content) != 32 + size or hashlib.sha256(name.encode() + content[32:]).digest() != content[:32]:
         return None
-    return np.frombuffer(content[32:]).reshape(shape).copy()
+    return content[32:]
 
 
-def save(name: str, table: Array) -> bool:
+def save(name: str, content: bytes) -> bool:
     """Keep a table under a name, all at once; return whether there was a place for it."""
-    content = table.tobytes()
     try:
         place = folder()
         place.mkdir(parents=True, exist_ok=True)
@@ -47,6 +45,13 @@ def save(name: str, table: Array) -> bool:
             with suppress(OSError):
                 os.unlink(path)
             raise
+        _remove_oldest(place)
     except (OSError, RuntimeError):
         return False
     return True
+
+
+def _remove_oldest(place: Path) -> None:
+    tables = sorted(place.glob("*-*"), key=lambda path: path.stat().st_mtime)
+    for path in tables[:-MOST]:
+        path.unlink(missing_ok=True)

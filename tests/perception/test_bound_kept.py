@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ssm_service.config.schema import AssumptionsConfig
-from ssm_service.model import LinkDistance, Robot
-from ssm_service.perception import LowerBound, bound_store
+from ssm_service.model import LinkDistance, Robot, store
+from ssm_service.perception import LowerBound
+from ssm_service.perception import bound as bound_module
 
 BASE = {"radius_min_m": 0.05, "radius_max_m": 0.1, "reading_error_m": 0.01, "obstacles": "one"}
 ASSUMED = AssumptionsConfig(**BASE)
@@ -21,7 +22,9 @@ def parts():
     array = robot.sensor_arrays[0]
     two = {name: getattr(array, name)[:2] for name in PER_SENSOR}
     two["ranges_max"] = np.full(2, 0.1)
-    return replace(array, **two), LinkDistance(robot, array.link)
+    surface = LinkDistance(robot, array.link)
+    assert surface.table  # made, and kept, before the tests look at what is kept
+    return replace(array, **two), surface
 
 
 @pytest.fixture(autouse=True)
@@ -68,15 +71,15 @@ def test_damage_is_never_believed(parts, cache):
     assert bound.fill()
     (file,) = cache.iterdir()
     good = file.read_bytes()
-    shape = (2, (len(good) - 32) // 96, 6)
-    assert bound_store.load(file.name, shape) is not None
+    size = len(good) - 32
+    assert store.load(file.name, size) == good[32:]
     flipped = good[:5000] + bytes([good[5000] ^ 1]) + good[5001:]
     for content in (flipped, good[:-8], b"", good + b"0"):
         file.write_bytes(content)
-        assert bound_store.load(file.name, shape) is None
+        assert store.load(file.name, size) is None
         np.testing.assert_array_equal(LowerBound(*parts, ASSUMED).of_many(scans()), bound.of_many(scans()))
     (cache / "other").write_bytes(good)  # another robot's table under this name
-    assert bound_store.load("other", shape) is None
+    assert store.load("other", size) is None
 
 
 def test_another_assumption_has_another_table(parts, cache):
@@ -93,13 +96,26 @@ def test_no_place_is_no_error(parts, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert LowerBound(*parts, ASSUMED).fill()
-    assert not bound_store.save("x", np.zeros(3))
+    assert not store.save("x", b"123")
 
 
 def test_ends_when_told_and_makes_none_for_many(parts, cache):
     assert not LowerBound(*parts, ASSUMED).fill(lambda: False)
     assert not LowerBound(*parts, changed(obstacles="many")).fill()
     assert not cache.exists()
+
+
+def test_a_process_goes_on_where_another_was_ended(parts, cache, monkeypatch):
+    monkeypatch.setattr(bound_module, "_KEPT_EVERY", 1)
+    budget = iter([True] * 5 + [False])
+    assert not LowerBound(*parts, ASSUMED).fill(lambda: next(budget))
+    asked: list[int] = []
+    assert LowerBound(*parts, ASSUMED).fill(lambda: not asked.append(1))
+    whole: list[int] = []
+    assert LowerBound(*parts, ASSUMED, kept=False).fill(lambda: not whole.append(1))
+    assert len(asked) == len(whole) - 5
+    expected = LowerBound(*parts, ASSUMED, kept=False).of_many(scans())
+    np.testing.assert_array_equal(LowerBound(*parts, ASSUMED).of_many(scans()), expected)
 
 
 def test_nothing_compiles_after_the_constructor(parts):
