@@ -79,8 +79,10 @@ def assess(
     if nearest is not None:
         by_distance = profile.zone_at(nearest.distance)
         unseen = nearest.source == "ranges" and seen.reading is not None and seen.reading.unseen
-        if by_distance is Zone.STOP:
-            reasons.append("uncovered" if unseen else "contact")
+        if by_distance is Zone.STOP and unseen:
+            reasons.append("uncovered")
+        elif by_distance is Zone.STOP:
+            reasons.append("contact")
         elif by_distance is not Zone.GREEN:
             reasons.append("distance")
         zone = max(zone, by_distance)

@@ -11,7 +11,7 @@ import pytest
 
 from ssm_service import __version__
 
-COMMANDS = {"demo", "run", "sim", "zone", "watch", "evaluate", "check", "schema"}
+COMMANDS = {"demo", "run", "sim", "zone", "watch", "evaluate", "coverage", "check", "schema"}
 NOBODY = "tcp/127.0.0.1:1"
 
 
