@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 
 from ..errors import SsmError
 from ..monitor import PreparedScan, RangeReader
+
+SWITCH_INTERVAL_S = 2e-4
+"""How long the loop may have to wait for the interpreter while the thread uses it; 5 ms is Python's own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,6 +48,7 @@ class ScanPreparation:
         self._changed = threading.Condition()
         self._waiting: tuple[NDArray[np.float64], NDArray[np.float64], int] | None = None
         self._ready: deque[Ready] = deque(maxlen=1)
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         threading.Thread(target=self._run, name="scans", daemon=True).start()
 
     def submit(self, ranges: NDArray[np.float64], position: NDArray[np.float64], arrived_ns: int) -> None:
