@@ -76,8 +76,7 @@ class EvaluatingWorker:
     def _prepare(self) -> None:
         self._evaluator.prepare()
         self._prepared.set()
-        # Only this thread gives way, and only now: what follows can wait, the loop beside it cannot.
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+        # At the priority of the others: one that gave way while it held the interpreter would hold them up.
         self._evaluator.fill()
 
     def run(self) -> None:
