@@ -30,7 +30,7 @@ def limits(sensor: Any, reading: float, error: float) -> Any:
     """
     silent = reading == math.inf
     low = (sensor[9] if silent else reading) - error
-    if low <= sensor[8]:
+    if low <= sensor[8] + 1e-9:  # d = range_min + ε may come out a rounding above it
         low = 0.0
     return low, math.inf if silent else max(reading + error, sensor[8])
 

@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from bench.bound_scenes import CASES, LINK, Case, draw, sensors
 from bench.brute import MeshTruth, disagreement, least_ball, predicted
+from ssm_service.config import AssumptionsConfig
 from ssm_service.errors import InputError
 from ssm_service.model import LinkDistance, Robot
 from ssm_service.perception import LowerBound
@@ -193,3 +194,20 @@ def test_refuses_bad_readings(make, robot, surface):
         bound.of(silence(array, s0=0.2), np.zeros(3, dtype=bool))
     with pytest.raises(InputError, match="upper_arm_link"):
         LowerBound(array, LinkDistance(robot, "upper_arm_link"), USUAL.assumptions)
+
+
+def test_a_reading_of_the_least_range_and_all_of_the_error_says_nothing():
+    """0.02 + 0.06 − 0.06 comes out above 0.02 in floating point; what reads 0.02 may touch the sensor."""
+    robot = Robot.load("ur3_covered")
+    array = next(array for array in robot.sensor_arrays if array.link == "forearm_link")
+    bound = LowerBound(
+        array,
+        LinkDistance(robot, array.link),
+        AssumptionsConfig(radius_min_m=0.08, radius_max_m=0.1, reading_error_m=0.06, obstacles="many"),
+    )
+    assert array.ranges_min[0] < 0.08 - 0.06
+    readings = np.full(len(array.indices), np.inf)
+    readings[[7, 8, 12, 14, 18, 20]] = 0.0, 0.0, 0.3246, 0.08, 0.4267, 0.0
+    nudged = readings.copy()
+    nudged[14] = np.nextafter(0.08, 0.0)
+    assert bound.of(readings).distance == bound.of(nudged).distance
