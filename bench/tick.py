@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from ssm_service.model import Robot
 from ssm_service.model.hulls import build_parts
-from ssm_service.monitor import Decision, Monitor, default_valid_for
+from ssm_service.monitor import Decision, Inputs, Monitor, default_valid_for
 from ssm_service.wire import VALUES, Decoder, command_message, zone_message
 from ssm_service.wire.messages import INPUTS
 
@@ -30,18 +30,23 @@ POOL = 200
 BLOCK = 50
 WARM_UP = 3
 
-STEP, FLOOR, WIRE = "step", "floor", "wire"
+STEP, STEADY, FLOOR, WIRE, SCAN = "step", "steady", "floor", "wire", "scan"
 WHAT = {
-    STEP: "`Monitor.step`",
+    STEP: "`Monitor.step`, all new",
+    STEADY: "`Monitor.step`, new joints",
+    SCAN: "prepare a scan",
     FLOOR: "bare `pin.computeDistances`",
     WIRE: "decode 4 inputs, encode 2 outputs",
 }
 NOTES = f"""\
+{WHAT[STEADY]}: as in most ticks of a service; messages of the other sources come 6 to 30 times a second.
 {WHAT[STEP]}: joints, readings, obstacle poses and target are new in every tick; kinematics, exact nearest \
 pair, zone, limits and command are included. Its inputs are checked values; making them of messages is the \
 row 'decode …'. The network itself is in neither.
 {WHAT[FLOOR]}: the floor, one call on the same hull pieces and spheres, whose poses are written before the \
 clock starts. It measures all pairs; a tick that leaves out those that cannot be the nearest may be below it.
+{WHAT[SCAN]}: what a thread beside the loop does with each new scan, a few times a second, before a tick \
+gets it: which echoes are the arm's own links (in these random configurations most scans have some).
 All variants take turns in blocks of {BLOCK} ticks in random order, so that a drift of the machine hits all \
 alike; the first {WARM_UP} ticks of a block, which find the caches as another variant left them, are not \
 counted. The garbage collector is off, as in the service.
@@ -103,7 +108,42 @@ class Step:
     def prepare(self, scene: Scene) -> Callable[[], object]:
         """Make the inputs and return the tick."""
         inputs = scene.inputs(self._robot)
+        reader, ranges = self._monitor.range_reader, inputs.ranges.value
+        if ranges is not None:  # beside the loop, as in the service
+            reader.take(reader.prepare(ranges, scene.position))
         return lambda: self._monitor.step(inputs)
+
+
+class Steady(Step):
+    """Ticks as most are: only the joints are new; scan, obstacles and target are as before."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._before: Inputs | None = None
+
+    def prepare(self, scene: Scene) -> Callable[[], object]:
+        """Make the inputs and return the tick."""
+        inputs = scene.inputs(self._robot)
+        if self._before is None:
+            self._before = inputs
+            super().prepare(scene)
+        inputs = msgspec.structs.replace(self._before, joints=inputs.joints)
+        return lambda: self._monitor.step(inputs)
+
+
+class Prepare:
+    """What the service's other thread does with each scan: own links, and what counts of the readings."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._reader = Monitor(robot).range_reader
+
+    def prepare(self, scene: Scene) -> Callable[[], object]:
+        """Make the readings and return the call."""
+        ranges = scene.inputs(self._robot).ranges.value
+        if ranges is None:
+            raise RuntimeError("a scene without readings")
+        return lambda: self._reader.prepare(ranges, scene.position)
 
 
 class Wire:
@@ -154,7 +194,7 @@ class Variant:
     pace: str
     what: str
     count: int
-    work: Floor | Step | Wire
+    work: Floor | Step | Wire | Prepare
     scenes: Iterator[Scene]
     times_ns: list[int]
 
@@ -180,7 +220,11 @@ def variants(robot: Robot, ticks: int, seed: int, farthest_m: float = FARTHEST_M
     for pace in PACES:
         for what in WHAT:
             for count in COUNTS:
-                work = {STEP: Step, WIRE: Wire}[what](robot) if what != FLOOR else Floor(robot, count)
+                work = (
+                    {STEP: Step, STEADY: Steady, WIRE: Wire, SCAN: Prepare}[what](robot)
+                    if what != FLOOR
+                    else Floor(robot, count)
+                )
                 made.append(
                     Variant(
                         pace=pace,
@@ -232,7 +276,7 @@ def rows(all_variants: list[Variant]) -> list[Row]:
             **{f"{name}_us": value for name, value in taken.items()},
             "per_obstacle_us": taken["p50"] / variant.count,
             "ratio_to_floor": None
-            if variant.what == WIRE
+            if variant.what in (WIRE, SCAN)
             else taken["p50"] / floor[variant.pace, variant.count],
         }
         table.append(row)
@@ -244,7 +288,7 @@ def draw(table: list[Row], path: Path) -> None:
 
     def lines(axes: Any) -> None:
         for (pace, style), (what, colour) in product(
-            zip(PACES, ("-", "--"), strict=True), zip(WHAT, ("C0", "C7", "C1"), strict=True)
+            zip(PACES, ("-", "--"), strict=True), zip(WHAT, ("C0", "C3", "C2", "C7", "C1"), strict=True)
         ):
             chosen = [row for row in table if row["pace"] == pace and row["what"] == what]
             counts = [row["obstacles"] * (1.0 if style == "-" else 1.06) for row in chosen]

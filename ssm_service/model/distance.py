@@ -69,6 +69,8 @@ class DistanceModel:
         self._exact = ExactTier(self._scene)
         self._witness = Witness(self._scene)
         self._ids: tuple[str, ...] = ()
+        self._bounds: NDArray[np.float64] = np.empty((0, 0))
+        self._beside: dict[str, NDArray[np.bool_]] = {}
 
     @property
     def obstacle_ids(self) -> tuple[str, ...]:
@@ -80,24 +82,41 @@ class DistanceModel:
         self._ids = tuple([obstacle.id for obstacle in obstacles])
         self._scene.set_obstacles(obstacles)
 
-    def nearest(self, position: ArrayLike, link: str | None = None) -> ClosestPair | None:
-        """Return the nearest pair of all, or of one link, exactly; None where there is no obstacle.
+    def nearest(self, position: ArrayLike) -> ClosestPair | None:
+        """Return the nearest pair of all, exactly, or None where there is no obstacle.
 
         Args:
             position: (n,) [rad or m].
-            link: Only this monitored link counts, where given.
 
         Raises:
-            InputError: ``wrong_length``, ``not_finite`` or ``unknown_link``.
+            InputError: ``wrong_length`` or ``not_finite``.
         """
         q = self._robot.pinocchio_configuration(position)
-        others = None if link is None else self._pieces_beside(link)
         if not self._ids:
             return None
-        bounds = self._scene.place(q)
-        if others is not None:
-            bounds[:, others] = math.inf
-        search = _Search(self._scene, bounds)
+        self._bounds = self._scene.place(q)
+        found = self._least(_Search(self._scene, self._bounds))
+        return self._closest_pair(found) if found else None
+
+    def distance_from(self, link: str) -> float | None:
+        """Return the exact distance [m] of a link's nearest obstacle, as the last ``nearest`` put the arm.
+
+        Args:
+            link: A monitored link.
+
+        Returns:
+            None where there is no obstacle.
+
+        Raises:
+            InputError: ``unknown_link``.
+        """
+        others = self._pieces_beside(link)
+        if not self._ids:
+            return None
+        found = self._least(_Search(self._scene, np.where(others, math.inf, self._bounds)))
+        return found.distance if found else None
+
+    def _least(self, search: _Search) -> Measured | None:
         first = search.nearest_hull()
         best = self._measure(first, search, math.inf)
         limit = best.distance if best else math.inf
@@ -111,7 +130,7 @@ class DistanceModel:
                 better = self._measure(index, search, limit)
                 if better is not None:
                     best, limit = better, better.distance
-        return self._closest_pair(best) if best else None
+        return best
 
     def bounds(self, position: ArrayLike) -> NDArray[np.float64]:
         """Return lower bounds of the exact distances, by hull pieces alone.
@@ -158,10 +177,13 @@ class DistanceModel:
 
     def _pieces_beside(self, link: str) -> NDArray[np.bool_]:
         """Return which pieces are not those of ``link``, (n_pieces,)."""
-        if link not in self._robot.monitored_links:
-            allowed = f"a monitored link: {listed(self._robot.monitored_links)}"
-            raise InputError("unknown_link", "link", link, allowed)
-        return np.array([part.link != link for part in self._part_of_piece])
+        beside = self._beside.get(link)
+        if beside is None:
+            if link not in self._robot.monitored_links:
+                allowed = f"a monitored link: {listed(self._robot.monitored_links)}"
+                raise InputError("unknown_link", "link", link, allowed)
+            beside = self._beside[link] = np.array([part.link != link for part in self._part_of_piece])
+        return beside
 
     def _pair_of(self, index: int) -> tuple[int, int]:
         """Return the first piece of the part, and the obstacle, that an index into the hulls speaks of."""

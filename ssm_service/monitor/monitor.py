@@ -161,7 +161,7 @@ class Monitor:
                 self._obstacles = obstacles
             exact = self._distance.nearest(position)
             if reading is not None:
-                comparison = self._compare(reading, exact, position, (ranges, obstacles))
+                comparison = self._compare(reading, exact, (ranges, obstacles))
         things = [None if reading is None else reading.nearest, nearest_by_obstacles(exact)]
         return kinematics, Seen(
             things=[thing for thing in things if thing is not None], reading=reading, comparison=comparison
@@ -171,7 +171,6 @@ class Monitor:
         self,
         reading: RangeReading,
         exact: ClosestPair | None,
-        position: NDArray[np.float64],
         newest: tuple[object, object],
     ) -> Comparison:
         """Return the comparison as of the newest scan and the newest obstacles."""
@@ -179,14 +178,14 @@ class Monitor:
         if self._comparison is None or ranges is not self._compared[0] or obstacles is not self._compared[1]:
             link = self.range_reader.link if reading.nearest is None else reading.nearest.link
             monitored = link in self.robot.monitored_links
-            pair = exact
-            if pair is not None and pair.link != link:
-                pair = self._distance.nearest(position, link) if monitored else None
+            distance = None
+            if exact is not None and monitored:
+                distance = exact.distance if exact.link == link else self._distance.distance_from(link)
             config = self.profile.config
             self._compared = newest
             self._comparison = compare(
                 reading,
-                None if pair is None else pair.distance,
+                distance,
                 link,
                 config.range_estimator,
                 config.disagree_margin_m if monitored else None,

@@ -93,8 +93,11 @@ class RangeReader:
 
     @property
     def slow(self) -> bool:
-        """Whether ``prepare`` takes milliseconds, more than a tick should wait."""
-        return self._config.range_estimator != "nearest"
+        """Whether ``prepare`` may take longer than a tick should wait.
+
+        It takes up to some ms with ``lower_bound``, and where sensors see own links.
+        """
+        return bool(self._robot.rings)
 
     def prepare(self, ranges: NDArray[np.float64], position: NDArray[np.float64]) -> PreparedScan:
         """Work out what does not change while the arm moves on.

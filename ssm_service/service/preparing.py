@@ -1,4 +1,4 @@
-"""Scans whose estimator takes milliseconds are worked out beside the loop, before a tick gets them."""
+"""What takes long of a scan is worked out beside the loop, before a tick gets it."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def test_the_rows_are_all_there(result):
             ("pace", "what", "obstacles"): [
                 (pace, what, count)
                 for pace in ("tight", "2 ms sleeps")
-                for what in ("step", "floor", "wire")
+                for what in ("step", "steady", "scan", "floor", "wire")
                 for count in (1, 10, 100)
             ]
         },
@@ -88,7 +88,7 @@ def test_each_benchmark_gives_its_own_fields(result):
         if name == "tick":
             assert row["ticks"] == 3
             assert row["per_obstacle_us"] == pytest.approx(row["p50_us"] / row["obstacles"])
-            assert (row["ratio_to_floor"] is None) == (row["what"] == "wire")
+            assert (row["ratio_to_floor"] is None) == (row["what"] in ("wire", "scan"))
         elif name == "loop":
             assert row["skipped"] >= 0
             assert math.isfinite(row["rate_error_percent"])
