@@ -82,20 +82,24 @@ class DistanceModel:
         self._ids = tuple([obstacle.id for obstacle in obstacles])
         self._scene.set_obstacles(obstacles)
 
-    def nearest(self, position: ArrayLike) -> ClosestPair | None:
-        """Return the nearest pair of all, exactly, or None where there is no obstacle.
+    def nearest(self, position: ArrayLike, link: str | None = None) -> ClosestPair | None:
+        """Return the nearest pair of all, or of one link, exactly; None where there is no obstacle.
 
         Args:
             position: (n,) [rad or m].
+            link: Only this monitored link counts, where given.
 
         Raises:
-            InputError: ``wrong_length`` or ``not_finite``.
+            InputError: ``wrong_length``, ``not_finite`` or ``unknown_link``.
         """
         q = self._robot.pinocchio_configuration(position)
+        others = None if link is None else self._pieces_beside(link)
         if not self._ids:
             return None
-        self._bounds = self._scene.place(q)
-        found = self._least(_Search(self._scene, self._bounds))
+        bounds = self._bounds = self._scene.place(q)
+        if others is not None:
+            bounds = np.where(others, math.inf, bounds)
+        found = self._least(_Search(self._scene, bounds))
         return self._closest_pair(found) if found else None
 
     def distance_from(self, link: str) -> float | None:

@@ -122,12 +122,16 @@ def test_nearest_is_the_least_of_all_pairs(robot, model, shape):
         of_one = min((p for p in model.all_pairs(position) if p.link == one), key=lambda p: p.distance)
         model.nearest(position)  # all_pairs leaves no bounds behind
         assert model.distance_from(one) == pytest.approx(of_one.distance, abs=2e-6)
+        found = model.nearest(position, one)
+        assert (found.link, found.distance) == (one, pytest.approx(of_one.distance, abs=2e-6))
     assert len(links) >= 4
 
 
 def test_the_nearest_of_a_link_that_is_not_monitored_is_refused(model):
     with pytest.raises(InputError) as error:
         model.distance_from("tool7")
+    with pytest.raises(InputError):
+        model.nearest(np.zeros(6), "tool7")
     assert error.value.cause == "unknown_link"
     assert "forearm_link" in str(error.value)
 
