@@ -38,6 +38,9 @@ QUEUE_CAPACITY = 64
 PATIENCE_S = 10.0
 """How long the start waits for the tables of the estimators; they take longer only when they are compiled."""
 
+FILL_AFTER_S = 60.0
+"""When the table of single echoes is begun: a service that ends before that has no use for it."""
+
 ARRIVALS = 16
 """Joint messages that are kept for ``frames``: the newest that is valid is taken."""
 
@@ -76,6 +79,7 @@ class EvaluatingWorker:
     def _prepare(self) -> None:
         self._evaluator.prepare()
         self._prepared.set()
+        time.sleep(FILL_AFTER_S)
         # At the priority of the others: one that gave way while it held the interpreter would hold them up.
         self._evaluator.fill()
 
