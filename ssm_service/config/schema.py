@@ -7,6 +7,7 @@ from this module (``ssm_service.config.reference``).
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Annotated, Any, Literal
 
@@ -155,12 +156,58 @@ class AssumptionsConfig(Section, frozen=True, kw_only=True):
             raise ValueError("`assumed_radius_m` must lie between `radius_min_m` and `radius_max_m`")
 
 
+class StoppingPoint(Section, frozen=True, kw_only=True):
+    """How one joint stops from one speed."""
+
+    speed_rad_s: Annotated[float, _meta("speed from which it stops", "rad/s or m/s", gt=0.0, le=100.0)]
+    time_s: Annotated[float, _meta("stopping time from that speed", "s", gt=0.0, le=10.0)]
+    distance_rad: Annotated[float, _meta("stopping distance from that speed", "rad or m", gt=0.0, le=100.0)]
+
+
 class StoppingConfig(Section, frozen=True, kw_only=True):
     """How one joint stops from its greatest speed, by the maker's data (worst load and extension)."""
 
     speed_rad_s: Annotated[float, _meta("speed from which it stops", "rad/s or m/s", gt=0.0, le=100.0)]
     time_s: Annotated[float, _meta("stopping time from that speed", "s", gt=0.0, le=10.0)]
     distance_rad: Annotated[float, _meta("stopping distance from that speed", "rad or m", gt=0.0, le=100.0)]
+    slower: Annotated[
+        list[StoppingPoint],
+        _meta("the same from lower speeds, in rising order; left out: the one above holds for all speeds"),
+    ] = []
+
+    def __post_init__(self) -> None:
+        points: list[StoppingPoint | StoppingConfig] = [*self.slower, self]
+        for before, after in itertools.pairwise(points):
+            if not before.speed_rad_s < after.speed_rad_s:
+                raise ValueError(
+                    "`slower` must be in rising order of `speed_rad_s`, all below the table's own"
+                )
+            if before.time_s > after.time_s:
+                raise ValueError("`slower` must not have a longer `time_s` at a lower speed")
+            if before.distance_rad * after.speed_rad_s > after.distance_rad * before.speed_rad_s * (1 + 1e-9):
+                raise ValueError(
+                    "`slower` must not have more `distance_rad` per `speed_rad_s` at a lower speed"
+                )
+
+
+class ReactionConfig(Section, frozen=True, kw_only=True):
+    """Parts of the reaction time that the service cannot measure, or not always."""
+
+    robot_s: Annotated[
+        float,
+        _meta(
+            "the robot's own: from the arrival of a command to the beginning of the stop", "s", ge=0.0, le=5.0
+        ),
+    ] = 0.1
+    transport_s: Annotated[
+        float,
+        _meta(
+            "from the service to the robot, at least: a longer one that a consumer's echo shows takes its place",
+            "s",
+            ge=0.0,
+            le=5.0,
+        ),
+    ] = 0.02
 
 
 class LimitsConfig(Section, frozen=True, kw_only=True):
@@ -195,6 +242,30 @@ class SourceConfig(Section, frozen=True, kw_only=True):
         ),
     ]
     timeout_s: Annotated[float, _meta("age beyond which the source is stale", "s", gt=0.0, le=10.0)]
+    period_s: Annotated[
+        float,
+        _meta(
+            "time from one measurement to the next, at least (the ranges' is that of their rings); "
+            "a longer one that is measured takes its place",
+            "s",
+            ge=0.0,
+            le=10.0,
+        ),
+    ] = 0.0
+    integrity: Annotated[
+        Literal["crc", "none"],
+        _meta(
+            "`crc`: a message without the right checksum in its attachment is refused; "
+            "`none`: it may come without (a simple driver), and `health` says so"
+        ),
+    ] = "crc"
+    prove_age: Annotated[
+        bool,
+        _meta(
+            "true: a message must name a tick of the service that its sender had heard before, "
+            "which bounds its age without any common clock"
+        ),
+    ] = False
 
 
 class SourcesConfig(Section, frozen=True, kw_only=True):
@@ -267,11 +338,74 @@ class ZoneConfig(Section, frozen=True, kw_only=True):
     speed_scaling: Annotated[float, _meta("speed scaling told to consumers", None, gt=0.0, le=1.0)]
 
 
-class ProfileConfig(Section, frozen=True, kw_only=True):
-    """A zone profile: distance to zone, zone to joint speed ([Kang2022] II-B-1)."""
+class SeparationConfig(Section, frozen=True, kw_only=True):
+    """The protective separation distance ([TS15066] 5.5.4): what it assumes of people and of measurements."""
 
-    red: Annotated[ZoneConfig, _meta("the nearer zone")]
-    yellow: Annotated[ZoneConfig, _meta("the farther zone; beyond it is green")]
+    human_speed_m_s: Annotated[
+        float, _meta("v_h: speed at which people are taken to come near ([ISO13855])", "m/s", gt=0.0, le=10.0)
+    ] = 1.6
+    tracked_velocity: Annotated[
+        bool, _meta("true: where a tracker says an obstacle's velocity, its speed takes the place of v_h")
+    ] = False
+    human_speed_floor_m_s: Annotated[
+        float, _meta("what a tracked speed counts at least", "m/s", gt=0.0, le=10.0)
+    ] = 0.25
+    intrusion_m: Annotated[
+        float, _meta("C: how far a part of the body may reach in before it is noticed", "m", ge=0.0, le=10.0)
+    ]
+    human_uncertainty_m: Annotated[
+        float,
+        _meta(
+            "Z_d: uncertainty of a tracked position (a ring's `accuracy_m` where that is greater)",
+            "m",
+            ge=0.0,
+            le=10.0,
+        ),
+    ]
+    robot_uncertainty_m: Annotated[
+        float, _meta("Z_r: uncertainty of the robot's own position", "m", ge=0.0, le=10.0)
+    ]
+    red_scaling: Annotated[
+        float,
+        _meta(
+            "the zone is red where less than this share of the joint speeds is admissible",
+            None,
+            gt=0.0,
+            lt=1.0,
+        ),
+    ] = 0.25
+
+    def __post_init__(self) -> None:
+        if self.human_speed_floor_m_s > self.human_speed_m_s:
+            raise ValueError("`human_speed_floor_m_s` must not be above `human_speed_m_s`")
+
+
+class LatchConfig(Section, frozen=True, kw_only=True):
+    """When errors of the network's integrity are taken for a broken network, and not for an accident."""
+
+    interval_s: Annotated[
+        float,
+        _meta(
+            "a second error within this time latches `stop` until a `reset`, also across a restart",
+            "s",
+            gt=0.0,
+            le=1e6,
+        ),
+    ] = 3600.0
+
+
+class ProfileConfig(Section, frozen=True, kw_only=True):
+    """A zone profile: by distance in steps ([Kang2022] II-B-1), by the separation equation, or by both."""
+
+    red: Annotated[ZoneConfig | None, _meta("the nearer zone; with `yellow`, or neither")] = None
+    yellow: Annotated[ZoneConfig | None, _meta("the farther zone; beyond it is green")] = None
+    separation: Annotated[
+        SeparationConfig | None,
+        _meta("speed and separation monitoring by the equation; left out: only distances count"),
+    ] = None
+    latch: Annotated[
+        LatchConfig | None, _meta("stop for good after errors of integrity; left out: never")
+    ] = None
     range_estimator: Annotated[
         Literal["nearest", "lower_bound"],
         _meta(
@@ -307,6 +441,12 @@ class ProfileConfig(Section, frozen=True, kw_only=True):
     ] = 25
 
     def __post_init__(self) -> None:
+        if (self.red is None) != (self.yellow is None):
+            raise ValueError("`red` and `yellow` come together or not at all")
+        if self.red is None or self.yellow is None:
+            if self.separation is None:
+                raise ValueError("`red` and `yellow`, or `separation`, or all of them must be there")
+            return
         for key in ("distance_m", "joint_speed_rad_s", "speed_scaling"):
             if getattr(self.red, key) > getattr(self.yellow, key):
                 raise ValueError(f"`red.{key}` must not be above `yellow.{key}`: nearer is never faster")
@@ -349,6 +489,9 @@ class RobotFile(Section, frozen=True, kw_only=True):
     stopping: Annotated[
         dict[str, StoppingConfig], _meta("stopping data by joint, from the robot maker's manual")
     ] = {}
+    reaction: Annotated[ReactionConfig, _meta("reaction time, where a profile has a `separation`")] = (
+        ReactionConfig()
+    )
     limits: Annotated[LimitsConfig, _meta("limits beside the URDF's")] = LimitsConfig()
     sources: Annotated[SourcesConfig, _meta("inputs")] = SourcesConfig()
     motion: Annotated[MotionConfig, _meta("from target to velocity")] = MotionConfig()

@@ -64,11 +64,13 @@ class Received(Struct, Generic[T], frozen=True, kw_only=True, eq=False):
         value: The value; ``None`` while nothing was accepted.
         age_s: Upper bound of its age [s] by the receiver's monotonic clock; ``None`` with no value.
         invalid: Whether something refused has arrived since.
+        period_s: The longest time between its last messages, as measured [s]; 0 while nothing is known.
     """
 
     value: T | None = None
     age_s: float | None = None
     invalid: bool = False
+    period_s: float = 0.0
 
 
 class Inputs(Struct, frozen=True, kw_only=True, eq=False):
@@ -81,6 +83,9 @@ class Inputs(Struct, frozen=True, kw_only=True, eq=False):
         target: Wanted motion.
         overrun_s: By how much the tick before overran its period [s]; 0 if it did not.
         duplicate: Whether another service was heard under the same name.
+        latched: Whether errors of integrity hold the zone at stop until somebody resets it.
+        tick_s: From the beginning of a tick to its publication, the longest lately [s].
+        transport_s: From publication to a consumer, the longest that an echo showed lately [s].
     """
 
     joints: Received[JointSample] = Received()
@@ -89,6 +94,9 @@ class Inputs(Struct, frozen=True, kw_only=True, eq=False):
     target: Received[Target] = Received()
     overrun_s: float = 0.0
     duplicate: bool = False
+    latched: bool = False
+    tick_s: float = 0.0
+    transport_s: float = 0.0
 
 
 def joint_sample(

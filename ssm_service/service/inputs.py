@@ -180,5 +180,5 @@ class InputChannels:
         for index, source in enumerate(self._order):
             source.drain(now_ns, begin + (index + 1) * share)
         self._order.append(self._order.pop(0))
-        received = {name: source.received(now_ns) for name, source in self.sources.items()}
+        received: dict[str, Any] = {name: source.received(now_ns) for name, source in self.sources.items()}
         return Inputs(**received, overrun_s=overrun_s, duplicate=duplicate)

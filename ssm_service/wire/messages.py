@@ -115,6 +115,19 @@ class Target(Message, frozen=True, kw_only=True):
     value: Annotated[list[float], Meta(max_length=64)]
 
 
+class Echo(Message, frozen=True, kw_only=True):
+    """What a consumer sends back now and then, so that the service can measure the transport to it."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    service: Annotated[Identity, Meta(description="producer of the zone that is echoed")]
+    tick: Annotated[Sequence, Meta(description="seq of the newest zone that had arrived")]
+    held_ns: Annotated[
+        int, Meta(ge=0, le=2**63 - 1, description="ns from its arrival to this echo, at least")
+    ]
+
+
 class NearestEntry(Message, frozen=True, kw_only=True):
     """The nearest thing of all sources."""
 
@@ -148,6 +161,18 @@ class ComparisonEntry(Message, frozen=True, kw_only=True):
     ]
 
 
+class LimitingEntry(Message, frozen=True, kw_only=True):
+    """The link and obstacle that leave the least speed, where the profile has a separation."""
+
+    source: Annotated[str, Meta(description="ranges or obstacles")]
+    link: str
+    obstacle: Annotated[str | None, Meta(description="id; null for ranges")]
+    distance: Annotated[float, Meta(description="m, as the equation takes it")]
+    closing_speed: Annotated[float, Meta(description="m/s, v_r: measured, towards the obstacle")]
+    max_closing_speed: Annotated[float, Meta(description="m/s, at which S_p is the distance")]
+    separation: Annotated[dict[str, float], Meta(description="terms at the closing speed now [m]")]
+
+
 class Zone(Message, frozen=True, kw_only=True):
     """Zone and speed limits of one tick."""
 
@@ -172,6 +197,9 @@ class Zone(Message, frozen=True, kw_only=True):
     reaction: Annotated[
         dict[str, float] | None, Meta(description="terms of the reaction time, where the profile uses one")
     ]
+    limiting: Annotated[
+        LimitingEntry | None, Meta(description="null where the profile has no separation, or nothing is near")
+    ] = None
     reasons: list[str]
 
 
@@ -247,6 +275,39 @@ class EstimatesEntry(Message, frozen=True, kw_only=True):
     sphere_fit: EstimateEntry | None = None
     lower_bound: EstimateEntry | None = None
     reasons: dict[str, str] = {}
+
+
+class SeparationPair(Message, frozen=True, kw_only=True):
+    """The protective separation of one link from one obstacle."""
+
+    source: Annotated[str, Meta(description="ranges or obstacles")]
+    link: str
+    obstacle: Annotated[str | None, Meta(description="id; null for ranges")]
+    distance: Annotated[float, Meta(description="m, exact where `exact`, else never above it")]
+    exact: bool
+    point_on_link: Vector3
+    point_on_obstacle: Vector3
+    normal: Annotated[Vector3, Meta(description="unit, from the obstacle to the link")]
+    human_speed: Annotated[float, Meta(description="m/s, v_h")]
+    closing_speed: Annotated[float, Meta(description="m/s, v_r: measured, towards the obstacle")]
+    max_closing_speed: Annotated[float, Meta(description="m/s, at which S_p is the distance")]
+    reaction_time: Annotated[float, Meta(description="s, T_r")]
+    stopping_time: Annotated[float, Meta(description="s, T_s")]
+    separation: Annotated[dict[str, float], Meta(description="terms at the closing speed now [m]")]
+
+
+class Separation(Message, frozen=True, kw_only=True):
+    """Every pair of one tick with all terms; published now and then, and the newest tick's when asked."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    robot: str
+    profile: str
+    reaction: Annotated[
+        dict[str, dict[str, float]], Meta(description="terms of the reaction time by source [s]")
+    ]
+    pairs: list[SeparationPair]
 
 
 class FramesEntry(Message, frozen=True, kw_only=True):
@@ -325,6 +386,16 @@ class Health(Message, frozen=True, kw_only=True):
     lost: Annotated[dict[str, int], Meta(description="gaps in the senders' seq")]
     age_s: dict[str, float | None]
     queries: Annotated[dict[str, int], Meta(description="answered, by key")]
+    integrity: Annotated[dict[str, str], Meta(description="by source: crc, or none")] = {}
+    integrity_errors: Annotated[
+        dict[str, int], Meta(description="by cause: corruption, repetition, insertion, …")
+    ] = {}
+    latched: Annotated[
+        str | None, Meta(description="why the zone is held at stop until a `reset`; null where it is not")
+    ] = None
+    transport_s: Annotated[
+        dict[str, float], Meta(description="to each consumer whose echo is fresh, an upper bound")
+    ] = {}
     memory_bytes: Annotated[int | None, Meta(description="resident memory; null where unknown")]
     warnings: list[str]
 
@@ -349,6 +420,8 @@ ALL: tuple[type[Message], ...] = (
     EvaluateError,
     FramesRequest,
     FramesReply,
+    Echo,
+    Separation,
     Health,
 )
 """Every message with a schema of its own."""
