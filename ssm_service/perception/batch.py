@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..model import Obstacle, SensorArray
-from .cone_kernels import read_boxes, read_capsules, read_spheres
+from .batch_kernels import read_boxes, read_capsules, read_spheres
 from .reading import cone_reading
 
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..model import Robot
-from .cone_kernels import read_surface
 from .own_surface import OwnSurface
+from .surface_kernels import read_surface
 
 DEFAULT_MARGIN_RAD: Final = math.radians(1.0)
 
