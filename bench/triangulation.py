@@ -22,6 +22,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
+from ssm_service.errors import ConfigError
 from ssm_service.model import Robot
 
 from . import sweep
@@ -79,6 +80,8 @@ def report(settings: Settings, scenes: dict[str, int], found: dict[str, Arrays])
     robot = Robot.load(settings.robot)
     ring = robot.sensor_arrays[0].rings[0]
     profile = robot.config.file.profiles[robot.config.file.default_profile]
+    if profile.red is None or profile.yellow is None:
+        raise ConfigError(robot.config.path, "default_profile", "no zones by distance", "`red` and `yellow`")
     edges = (profile.red.distance_m, profile.yellow.distance_m)
     noises, names = settings.noises, settings.estimators
     rows = [r for shape in found for r in all_rows(found[shape], shape, noises, names, ring.count, edges)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -89,8 +90,7 @@ def _reach(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
     """Compare what silence of the sensors proves with the zones' distances."""
     for i, ring in enumerate(file.rings):
         for name, profile in file.profiles.items():
-            for zone in ("red", "yellow"):
-                edge = getattr(profile, zone).distance_m
+            for zone, edge in zip(("red", "yellow"), profile.edges, strict=False):
                 key, field = f"rings[{i}].range_max_m", f"profiles.{name}.{zone}.distance_m"
                 if ring.range_max_m < edge:
                     level = "weak" if file.sources.obstacles.required else "fault"
@@ -100,7 +100,7 @@ def _reach(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
                     sure = ring.range_max_m - ring.accuracy_m
                     text = f"{sure:g} m when accuracy is taken off, below {field} = {edge:g} m"
                     yield Finding("weak", key, text)
-        nearest_edge = min(profile.red.distance_m for profile in file.profiles.values())
+        nearest_edge = min((edge for p in file.profiles.values() for edge in p.edges), default=0.0)
         if ring.range_min_m > 0.0:
             text = f"what is nearer than {ring.range_min_m:g} m may give no echo, and silence counts as free"
             yield Finding(
@@ -166,7 +166,7 @@ def _readings(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
 
 def _timeouts(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
     """Compare how far a person walks while a source may be silent with the zones' distances."""
-    edge = max(profile.yellow.distance_m for profile in file.profiles.values())
+    edge = max((edge for profile in file.profiles.values() for edge in profile.edges), default=math.inf)
     for name in ("joints", "ranges", "obstacles"):
         source = getattr(file.sources, name)
         if name == "ranges" and not file.rings:
@@ -231,8 +231,10 @@ def _speeds(robot: Robot, file: RobotFile) -> Iterator[Finding]:
 
 
 def _useless_zones(robot: Robot, name: str, profile: ProfileConfig) -> Iterator[Finding]:
-    for zone in ("red", "yellow"):
-        speed = getattr(profile, zone).joint_speed_rad_s
+    for zone, step in (("red", profile.red), ("yellow", profile.yellow)):
+        if step is None:
+            continue
+        speed = step.joint_speed_rad_s
         unslowed = [
             j for j, limit in zip(robot.joint_names, robot.velocity_limit, strict=True) if speed >= limit
         ]

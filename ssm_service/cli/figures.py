@@ -129,7 +129,7 @@ def _distance(recording: Recording, robot: Robot) -> Any:
     _bands(axes, recording)
     profile = robot.config.file.profiles.get(recording.profile)
     if profile is not None:
-        for edge in (profile.red.distance_m, profile.yellow.distance_m):
+        for edge in profile.edges:
             axes.axhline(edge, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)), zorder=2)
             axes.annotate(
                 f"{edge:g} m", (1.0, edge), xycoords=("axes fraction", "data"), xytext=(4, 0),

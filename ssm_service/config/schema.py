@@ -202,7 +202,8 @@ class ReactionConfig(Section, frozen=True, kw_only=True):
     transport_s: Annotated[
         float,
         _meta(
-            "from the service to the robot, at least: a longer one that a consumer's echo shows takes its place",
+            "from the service to the robot, at least: "
+            "a longer one that a consumer's echo shows takes its place",
             "s",
             ge=0.0,
             le=5.0,
@@ -439,6 +440,11 @@ class ProfileConfig(Section, frozen=True, kw_only=True):
     recovery_ticks: Annotated[
         int, _meta("good ticks in a row before a zone becomes milder", "ticks", ge=1, le=100_000)
     ] = 25
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Distances [m] up to which red and yellow reach, in this order; none without such steps."""
+        return tuple([zone.distance_m for zone in (self.red, self.yellow) if zone is not None])
 
     def __post_init__(self) -> None:
         if (self.red is None) != (self.yellow is None):

@@ -86,7 +86,8 @@ class RangeReader:
         self._expected: NDArray[np.float64] | None = None
         self._bounds = self._lower_bounds(robot.config.file.assumptions)
         silent = min((bound.silent for _, bound, _ in self._bounds), default=math.inf)
-        self._always_uncovered = silent < self._config.yellow.distance_m
+        self._watched = max(self._config.edges, default=math.inf)
+        self._always_uncovered = silent < self._watched
         errors = robot.config.file.assumptions
         self._reading_error = 0.0 if errors is None else errors.reading_error_m
         self._prepared: PreparedScan | None = None
@@ -195,7 +196,7 @@ class RangeReader:
         between = (ranges >= low - self._tolerances) & (ranges <= high + self._tolerances)
         own = np.isfinite(ranges) & (found.own | between)
         missing = found.missing & np.isfinite(before) & ~own
-        near = np.minimum(found.clear, low) < self._config.yellow.distance_m
+        near = np.minimum(found.clear, low) < self._watched
         return own, bool((near & (own | missing)).any())
 
     def _least_bound(self, seen: NDArray[np.float64]) -> tuple[Bound, SensorArray]:
