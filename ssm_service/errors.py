@@ -46,10 +46,13 @@ class InputError(SsmError):
         where: The field, e.g. ``obstacles[2].size``.
         found: What arrived.
         allowed: What is allowed there.
+        fault: The fault of transmission that it shows (``corruption``, ``repetition``, ``insertion``, …), one
+            fixed word; empty where the content alone is wrong.
     """
 
-    def __init__(self, cause: str, where: str, found: object, allowed: str) -> None:
+    def __init__(self, cause: str, where: str, found: object, allowed: str, *, fault: str = "") -> None:
         self.cause = cause
+        self.fault = fault
         self.where = where
         self.found = found
         self.allowed = allowed

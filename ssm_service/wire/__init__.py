@@ -11,15 +11,20 @@ from .convert import (
     zone_message,
 )
 from .decode import Decoder, all_finite
-from .gate import ProducerGate
+from .gate import ProducerGate, old_seq
+from .integrity import Heard, opened, seal
 from .keys import Keys, robot_of
 from .messages import encoding_of, json_schemas, names_another
+from .sealed import Opened, SealedDecoder
 
 __all__ = [
     "VALUES",
     "Decoder",
+    "Heard",
     "Keys",
+    "Opened",
     "ProducerGate",
+    "SealedDecoder",
     "all_finite",
     "command_message",
     "encoding_of",
@@ -28,8 +33,11 @@ __all__ = [
     "json_schemas",
     "names_another",
     "obstacles_from",
+    "old_seq",
+    "opened",
     "optional_readings",
     "question_from",
     "robot_of",
+    "seal",
     "zone_message",
 ]

@@ -5,6 +5,12 @@ from __future__ import annotations
 from ..errors import InputError
 
 
+def old_seq(seq: int, newest: int) -> InputError:
+    """Return the refusal of a ``seq`` that is not above the newest one: a repetition or a wrong sequence."""
+    fault = "repetition" if seq == newest else "sequence"
+    return InputError("old_seq", "seq", seq, f"above {newest}, the last one accepted", fault=fault)
+
+
 class ProducerGate:
     """Lets one producer through at a time, each message once and in rising order.
 
@@ -37,10 +43,14 @@ class ProducerGate:
         """
         if producer == self._producer:
             if seq <= self._seq:
-                raise InputError("old_seq", "seq", seq, f"above {self._seq}, the last one accepted")
+                raise old_seq(seq, self._seq)
         elif self._producer is not None and now - self._accepted_at <= self._timeout_s:
             raise InputError(
-                "second_producer", "producer", producer, f"only {self._producer} while it is fresh"
+                "second_producer",
+                "producer",
+                producer,
+                f"only {self._producer} while it is fresh",
+                fault="insertion",
             )
 
     def accept(self, producer: str, seq: int, now: float) -> None:

@@ -73,3 +73,12 @@ def test_two_that_take_turns_are_never_mixed():
             continue
         taken.append(producer)
     assert set(taken) == {"a"}
+
+
+def test_each_refusal_names_its_fault_of_transmission():
+    gate = ProducerGate(TIMEOUT)
+    pass_through(gate, "a", 10, 0.0)
+    for producer, seq, fault in (("a", 10, "repetition"), ("a", 9, "sequence"), ("b", 11, "insertion")):
+        with pytest.raises(InputError) as caught:
+            gate.check(producer, seq, 0.0)
+        assert caught.value.fault == fault
