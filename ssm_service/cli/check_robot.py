@@ -12,12 +12,11 @@ import numpy as np
 from ..config import ProfileConfig, RobotFile, load_robot_config
 from ..errors import ConfigError, listed
 from ..model import DistanceModel, Robot
+from ..monitor import weaknesses
+from ..safety import WALKING_SPEED_M_S
 from .faults import all_faults
 from .findings import Finding, Report
 from .words import counted
-
-WALKING_SPEED_M_S: Final = 1.6
-"""How fast people are taken to walk towards a machine (ISO 13855)."""
 
 REFERENCE_RATE_HZ: Final = 500.0
 """The default rate, for times that the file counts in ticks."""
@@ -42,11 +41,11 @@ def check_robot(name_or_path: str) -> Report:
     findings, file = [_loaded(robot), _monitored(robot)], config.file
     for rule in (
         _reach,
-        _blind_angles,
+        _weaknesses,
         _promises,
         _readings,
         _timeouts,
-        _not_required,
+        _trackers,
         _recovery,
         _speeds,
     ):
@@ -108,18 +107,10 @@ def _reach(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
             )
 
 
-def _blind_angles(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
-    if file.assumptions is not None and all(p.uncovered != "off" for p in file.profiles.values()):
-        return  # the service itself looks for blind spots, and says so in every zone
-    for i, ring in enumerate(file.rings):
-        seen = ring.count * ring.field_of_view_deg
-        if seen < 360.0:
-            yield Finding(
-                "weak",
-                f"rings[{i}]",
-                f"{ring.count} cones of {ring.field_of_view_deg:g}° see {seen:g}° of 360° round "
-                f"{ring.parent_frame}; what is between them gives no echo, and silence counts as free",
-            )
+def _weaknesses(robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    """Name what the service will name in ``health``: of all profiles, each thing once."""
+    found = dict.fromkeys(weakness for profile in file.profiles for weakness in weaknesses(robot, profile))
+    yield from (Finding("weak", weakness.key, weakness.text) for weakness in found)
 
 
 def _promises(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
@@ -181,12 +172,7 @@ def _timeouts(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
             )
 
 
-def _not_required(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
-    for name, other in (("ranges", "obstacles"), ("obstacles", "ranges")):
-        if getattr(file.sources, name).required or (name == "ranges" and not file.rings):
-            continue
-        text = f"until its first message nobody misses it, and zones come from {other} alone"
-        yield Finding("weak", f"sources.{name}.required", f"false: {text}")
+def _trackers(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
     if not file.rings:
         yield Finding("weak", "rings", "none: all perception is tracked obstacles")
 

@@ -16,6 +16,7 @@ from .inputs import (
 )
 from .monitor import SOURCES, Monitor, default_valid_for, zone_profile
 from .ranges import PreparedScan, RangeReader
+from .weakness import Weakness, weaknesses
 
 __all__ = [
     "SOURCES",
@@ -37,9 +38,11 @@ __all__ = [
     "Received",
     "SourceReport",
     "Target",
+    "Weakness",
     "checked_target",
     "default_valid_for",
     "joint_sample",
     "range_scan",
+    "weaknesses",
     "zone_profile",
 ]

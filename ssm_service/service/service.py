@@ -13,7 +13,7 @@ import zenoh
 
 from ..errors import SsmError
 from ..model import Robot
-from ..monitor import Decision, Monitor
+from ..monitor import Decision, Monitor, weaknesses
 from ..wire import Keys, encoding_of
 from ..wire import messages as m
 from .child import EvaluatingProcess
@@ -84,6 +84,8 @@ class Service:
         self._tick_times, self._lateness = Timings(), Timings()
         self._ticks = self._skipped = self._overruns = self._held_up_ns = 0
         self.warnings: list[str] = []
+        for weakness in weaknesses(robot, self._monitor.profile.name, period_s=self._monitor.period_s):
+            self.warn(str(weakness))
         self._started_ns = time.monotonic_ns()
         self._stopping = False
         # One tick that knows nothing, so that a query has a true answer from the start.
