@@ -13,6 +13,7 @@ from .check import check
 from .coverage import coverage
 from .demo import demo
 from .evaluate import evaluate
+from .keys import keys
 from .output import FAILED, abandon_stdout, emit, log, status_of
 from .run import run
 from .schema import schema
@@ -34,6 +35,7 @@ app = typer.Typer(
 
 for command in (demo, run, sim, zone, watch, evaluate, coverage, check, schema):
     app.command()(command)
+app.add_typer(keys)
 
 
 def _version(wanted: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -11,12 +10,11 @@ from typing import Any, Final
 
 import zenoh
 
-from ..errors import ConfigError, listed
+from ..errors import ConfigError, ServiceError, listed
+from ..wire.exposure import SECURE, is_local, protocol_of
 from ..wire.session import zenoh_config
 from .findings import Finding, Report
 
-SECURE: Final = {"tls", "quic"}
-LOCAL: Final = {"unixsock-stream", "unixpipe"}
 LONG_LEASE_MS: Final = 1000
 SMALL_QUEUE: Final = 16
 
@@ -82,13 +80,19 @@ def _listening(settings: Settings) -> Iterator[Finding]:
     if settings.mode == "client":
         return
     for endpoint in settings.endpoints("listen/endpoints"):
-        if _is_local(endpoint):
+        if is_local(endpoint):
             yield Finding("ok", "listen/endpoints", f"{endpoint}: this machine only")
         elif protocol_of(endpoint) in SECURE:
             yield Finding("note", "listen/endpoints", f"{endpoint}: beyond this machine, encrypted")
         else:
             text = f"{endpoint}: beyond this machine without TLS; whoever reaches it can send and read all"
             yield Finding("weak", "listen/endpoints", text)
+    for endpoint in settings.endpoints("connect/endpoints"):
+        if not is_local(endpoint) and protocol_of(endpoint) not in SECURE:
+            text = (
+                f"{endpoint}: dialled without TLS; anybody on the way can answer instead, send and read all"
+            )
+            yield Finding("weak", "connect/endpoints", text)
     if settings.endpoints("listen/endpoints") and settings.endpoints("connect/endpoints"):
         text = "listens and dials; if the other side dials back, a session may split: let one side dial only"
         yield Finding("note", "connect/endpoints", text)
@@ -120,6 +124,9 @@ def _tls(settings: Settings) -> Iterator[Finding]:
         yield Finding(
             "weak", "transport/link/tls/verify_name_on_connect", "false: any certified host may answer"
         )
+    if (listens or dials) and tls.get("close_link_on_expiration") is not True:
+        text = "not true: whoever is connected when its certificate expires stays connected"
+        yield Finding("weak", "transport/link/tls/close_link_on_expiration", text)
     for key, name in tls.items():
         if name and key.endswith(("certificate", "private_key")):
             yield from _file(key, Path(str(name)))
@@ -132,15 +139,38 @@ def _file(key: str, path: Path) -> Iterator[Finding]:
     except OSError as error:
         yield Finding("fault", key, f"{path}: {error.strerror}")
         return
+    if key.endswith("certificate"):
+        yield from _validity(key, path)
     if key.endswith("private_key") and mode & 0o077:
         yield Finding(
             "weak", key, f"{path}: others than its owner can read or change it (mode {mode & 0o777:03o})"
         )
 
 
+def _validity(key: str, path: Path) -> Iterator[Finding]:
+    from .keys_certificates import EXPIRES_SOON_DAYS, read_certificate
+
+    try:
+        certificate = read_certificate(path)
+    except ServiceError as error:
+        yield Finding("note", key, f"{path}: not looked into; {error}")
+        return
+    except ConfigError as error:
+        yield Finding("fault", key, str(error))
+        return
+    left, ends = certificate.days_left(), f"{certificate.ends:%Y-%m-%d %H:%M} UTC"
+    if left <= 0:
+        yield Finding("fault", key, f"{path}: expired at {ends}: nobody will accept it")
+    elif left < EXPIRES_SOON_DAYS:
+        text = f"{path}: expires in {left:.1f} days, at {ends}; then links end and the robot stops"
+        yield Finding("weak", key, text)
+    else:
+        yield Finding("ok", key, f"{path}: valid until {ends}")
+
+
 def _access(settings: Settings) -> Iterator[Finding]:
     control = settings.get("access_control") or {}
-    beyond = [e for e in settings.endpoints("listen/endpoints") if not _is_local(e)]
+    beyond = [e for e in settings.endpoints("listen/endpoints") if not is_local(e)]
     if not control.get("enabled"):
         if beyond and settings.mode != "client":
             text = "off: every connected program may publish inputs and commands on every key"
@@ -173,15 +203,3 @@ def _open_doors(settings: Settings) -> Iterator[Finding]:
         if name == "rest":
             text = "a router that loads it serves every key over plain HTTP"
         yield Finding("weak", f"plugins/{name}", text)
-
-
-def _is_local(endpoint: str) -> bool:
-    if protocol_of(endpoint) in LOCAL:
-        return True
-    host = re.sub(r":\d+$", "", endpoint.partition("/")[2].partition("#")[0].partition("?")[0]).strip("[]")
-    return host == "localhost" or host == "::1" or host.startswith("127.")
-
-
-def protocol_of(endpoint: str) -> str:
-    """Return the protocol of an endpoint, e.g. ``tcp``."""
-    return endpoint.partition("/")[0].lower()

@@ -44,12 +44,18 @@ def run(
     ] = None,
     zenoh_config: ZenohConfigOption = None,
     seconds: SecondsOption = None,
+    insecure: Annotated[
+        bool,
+        typer.Option(
+            "--insecure", help="Allow endpoints beyond this machine without mutual TLS; `health` says so."
+        ),
+    ] = False,
 ) -> None:
     """Run the service: joints, readings and obstacles in; zone, limits and command out.
 
     Prints 'ready' once it decides, after a few seconds; Ctrl-C ends it. `ssm
     sim` in another terminal is a robot to try it with, `ssm watch` shows what
-    it decides.
+    it decides. Beyond this machine it wants keys: see `ssm keys init`.
     """
     checked_seconds("--seconds", seconds)
     from ..service import ServiceOptions, run_service
@@ -63,6 +69,7 @@ def run(
         connect=tuple(connect or ()),
         zenoh_config=zenoh_config,
         seconds=seconds,
+        insecure=insecure,
     )
     try:
         run_service(options, log)

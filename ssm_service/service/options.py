@@ -41,6 +41,7 @@ class ServiceOptions:
         connect: Endpoints to dial, e.g. a router's.
         zenoh_config: Zenoh configuration file to start from.
         seconds: End by itself after this time.
+        insecure: Run although an endpoint beyond this machine is not under mutual TLS; ``health`` says so.
     """
 
     robot: str = "ur3"
@@ -51,6 +52,7 @@ class ServiceOptions:
     connect: Sequence[str] = ()
     zenoh_config: Path | None = None
     seconds: float | None = None
+    insecure: bool = False
 
     def __post_init__(self) -> None:
         if not MIN_RATE_HZ <= self.rate_hz <= MAX_RATE_HZ:

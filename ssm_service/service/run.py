@@ -6,7 +6,11 @@ import signal
 from collections.abc import Callable
 from types import FrameType
 
+import zenoh
+
+from ..errors import ConfigError
 from ..model import Robot
+from ..wire.exposure import exposures, unchecked_rights
 from ..wire.session import DEFAULT_ENDPOINT, close_session, open_session, zenoh_config
 from .child import EvaluatingProcess
 from .options import ServiceOptions, WorkerOptions
@@ -20,7 +24,8 @@ def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
     """Run one service until SIGINT, SIGTERM or the end of its time.
 
     Raises:
-        ConfigError: The robot file, the profile, the name or an endpoint is wrong.
+        ConfigError: The robot file, the profile, the name or an endpoint is wrong, or an endpoint beyond this
+            machine is not under mutual TLS and ``insecure`` is not set.
         ServiceError: The network could not be opened, or the evaluating process not started.
         DuplicateServiceError: Another service answers for the same robot.
     """
@@ -33,9 +38,12 @@ def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
         config = zenoh_config(
             "router", listen=[*listen, worker.endpoint], connect=options.connect, file=options.zenoh_config
         )
+        weak = _weak_endpoints(config, options)
         session = open_session(config)
         try:
             service = Service(robot, session, options, log, worker)
+            for text in weak:
+                service.warn(text)
             _stop_on_signals(service)
             worker.start(
                 WorkerOptions(
@@ -58,6 +66,31 @@ def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
             close_session(session)
     finally:
         worker.stop()
+
+
+def _weak_endpoints(config: zenoh.Config, options: ServiceOptions) -> list[str]:
+    """Return what is to be said of endpoints at which nobody has to prove who they are.
+
+    Raises:
+        ConfigError: There are some, and the options do not say ``insecure``.
+    """
+    found = exposures(config)
+    if found and not options.insecure:
+        first = found[0]
+        of_options = {"listen/endpoints": options.listen, "connect/endpoints": options.connect}
+        option = "--listen" if first.key == "listen/endpoints" else "--connect"
+        by_option = first.endpoint in of_options[first.key]
+        raise ConfigError(
+            option if by_option else options.zenoh_config or option,
+            "" if by_option else first.key,
+            f"{first.endpoint}, {first.why}",
+            "this machine only (127.0.0.1, ::1, localhost, a unix socket); or mutual TLS, which "
+            "`ssm keys init` sets up; or --insecure, and then whoever reaches the network can send inputs",
+        )
+    texts = [f"insecure: {one}: whoever reaches it can send inputs and read all" for one in found]
+    if not found and unchecked_rights(config):
+        texts.append("access_control does not deny by default: every certificate may do everything")
+    return texts
 
 
 def _wait_for(worker: EvaluatingProcess, service: Service) -> None:

@@ -21,7 +21,7 @@ _closing: list[threading.Thread] = []
 
 Mode = Literal["router", "client", "peer"]
 
-_COMMON: dict[str, Any] = {
+COMMON: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     # A frozen process is noticed after the lease; the sender announces its own.
@@ -69,7 +69,7 @@ def zenoh_config(
     config = zenoh.Config() if file is None else _from_file(file)
     settings: dict[str, Any] = {}
     if file is None:
-        settings.update(_COMMON)
+        settings.update(COMMON)
     if file is None or json.loads(config.get_json("mode")) is None:
         settings["mode"] = mode
     if file is None:

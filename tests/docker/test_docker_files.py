@@ -15,7 +15,7 @@ import zenoh
 
 from ssm_service.cli.app import app
 from ssm_service.simulation import list_scenarios
-from ssm_service.wire.session import _COMMON, zenoh_config
+from ssm_service.wire.session import COMMON, zenoh_config
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "docker"
@@ -95,7 +95,7 @@ def test_zenoh_takes_every_file_and_it_says_what_the_package_says(path):
     mode = "router" if path.stem.startswith(("router", "service")) else "client"
     assert json.loads(config.get_json("mode")) == mode
     assert json.loads(config.get_json("metadata"))["name"] == path.stem
-    for key, value in _COMMON.items():
+    for key, value in COMMON.items():
         if key != "connect/retry" or path.stem != "router":
             assert json.loads(config.get_json(key)) == value, key
 
