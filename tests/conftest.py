@@ -1,0 +1,37 @@
+"""Says which tests need the machine to themselves.
+
+They have processes that must answer within a bounded time, or measure time themselves. All others may run
+several at once: ``pytest -n 2 -m "not alone"``, and then ``pytest -m alone``. Plain ``pytest`` runs all of
+them one after the other.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+ALONE = (
+    "bench/test_bench_runs.py",
+    "cli/test_cli_demo.py",
+    "cli/test_cli_service.py",
+    "client/test_client_queries.py",
+    "client/test_client_stream.py",
+    "docker/test_docker_layout.py",
+    "service",
+    "simulation/test_simulation_newcomer.py",
+    "simulation/test_simulation_process.py",
+    "test_packaging.py",
+    "test_readme.py",
+    "wire/test_wire_refusals.py",
+)
+"""Folders and files, here."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark them ``alone``."""
+    places = [HERE / name for name in ALONE]
+    for item in items:
+        if any(item.path.is_relative_to(place) for place in places):
+            item.add_marker("alone")
