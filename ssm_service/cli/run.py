@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -50,6 +51,15 @@ def run(
             "--insecure", help="Allow endpoints beyond this machine without mutual TLS; `health` says so."
         ),
     ] = False,
+    state: Annotated[
+        Path | None,
+        typer.Option(
+            "--state",
+            metavar="FOLDER",
+            help="Where a latched stop is kept over a restart.  \\[~/.local/state/ssm-service]",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Run the service: joints, readings and obstacles in; zone, limits and command out.
 
@@ -70,6 +80,7 @@ def run(
         zenoh_config=zenoh_config,
         seconds=seconds,
         insecure=insecure,
+        state=state,
     )
     try:
         run_service(options, log)

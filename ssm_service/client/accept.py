@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 import zenoh
 
 from ..errors import InputError
-from ..wire import Decoder, encoding_of
+from ..wire import SealedDecoder, attachment_of, encoding_of
 from ..wire import messages as m
 
 Output = m.Zone | m.VelocityCommand
@@ -26,7 +26,7 @@ def check(message: Output, robot: str) -> None:
             ``out_of_range``.
     """
     if message.robot != robot:
-        raise InputError("wrong_robot", "robot", message.robot, robot)
+        raise InputError("wrong_robot", "robot", message.robot, robot, fault="addressing")
     count = len(message.name)
     if len(set(message.name)) != count:
         raise InputError("repeated_joint", "name", message.name, "each joint once")
@@ -42,27 +42,28 @@ def check(message: Output, robot: str) -> None:
 
 
 class OutputDecoder(Generic[O]):
-    """Turns samples into messages of one kind.
+    """Turns samples into messages of one kind, whose checksum is right.
 
     Args:
         kind: The message expected.
+        key: The key that it is expected on.
     """
 
-    def __init__(self, kind: type[O]) -> None:
-        self._decoder: Decoder[O] = Decoder(kind)
+    def __init__(self, kind: type[O], key: str) -> None:
+        self._decoder: SealedDecoder[O] = SealedDecoder(kind, key)
         self._encoding = encoding_of(kind)
 
     def decode(self, sample: zenoh.Sample) -> O:
         """Return a sample's message.
 
         Raises:
-            InputError: ``not_put``, ``wrong_encoding``, or as ``wire.Decoder.decode`` says.
+            InputError: ``not_put``, ``wrong_encoding``, or as ``wire.SealedDecoder.decode`` says.
         """
         if sample.kind != zenoh.SampleKind.PUT:
-            raise InputError("not_put", "sample", "a delete", "a put")
-        if str(sample.encoding) != self._encoding:
-            raise InputError("wrong_encoding", "encoding", str(sample.encoding), self._encoding)
-        return self._decoder.decode(sample.payload.to_bytes())
+            raise InputError("not_put", "sample", "a delete", "a put", fault="insertion")
+        if (encoding := str(sample.encoding)) != self._encoding:
+            raise InputError("wrong_encoding", "encoding", encoding, self._encoding, fault="addressing")
+        return self._decoder.decode(sample.payload.to_bytes(), attachment_of(sample), required=True).message
 
 
 class Channel(OutputDecoder[O]):
@@ -75,7 +76,7 @@ class Channel(OutputDecoder[O]):
     """
 
     def __init__(self, session: zenoh.Session, key: str, kind: type[O]) -> None:
-        super().__init__(kind)
+        super().__init__(kind, key)
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(CAPACITY)
         self._subscriber = session.declare_subscriber(key, ring)
 

@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import msgspec
 import zenoh
 
 from ..errors import NoServiceError, ServiceError
+from ..wire import attachment_of
 from ..wire import messages as m
 from .connection import Connection
 
 AGAIN_S = 0.05
 """Between two attempts while nobody answers [s]: a service may be just starting."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One answer as it came.
+
+    Attributes:
+        payload: Its bytes.
+        attachment: Their checksum, if it has one.
+    """
+
+    payload: bytes
+    attachment: bytes | None
 
 
 def ask(
@@ -22,7 +37,7 @@ def ask(
     patience_s: float,
     timeout_s: float | None = None,
     payload: bytes | None = None,
-) -> list[bytes]:
+) -> list[Answer]:
     """Return the good answers to a query; one or more.
 
     Args:
@@ -48,7 +63,7 @@ def ask(
         time.sleep(AGAIN_S)
 
 
-def _once(session: zenoh.Session, key: str, timeout_s: float, payload: bytes | None) -> list[bytes]:
+def _once(session: zenoh.Session, key: str, timeout_s: float, payload: bytes | None) -> list[Answer]:
     try:
         replies = session.get(
             key,
@@ -58,10 +73,11 @@ def _once(session: zenoh.Session, key: str, timeout_s: float, payload: bytes | N
             payload=payload,
             encoding=None if payload is None else "application/json",
         )
-        answers, errors = [], []
+        answers: list[Answer] = []
+        errors: list[str] = []
         for reply in replies:
             if reply.ok is not None:
-                answers.append(reply.ok.payload.to_bytes())
+                answers.append(Answer(reply.ok.payload.to_bytes(), attachment_of(reply.ok)))
             elif reply.err is not None:
                 errors.append(_text(reply.err.payload.to_bytes()))
     except zenoh.ZError as error:

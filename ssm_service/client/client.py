@@ -13,10 +13,11 @@ import msgspec
 import zenoh
 
 from ..errors import DuplicateServiceError, InputError, NoServiceError, ServiceError, listed
-from ..wire import Decoder, Keys, robot_of
+from ..wire import Keys, SealedDecoder, opened, robot_of
 from ..wire import messages as m
+from ..wire.latch import Latch
 from ..wire.session import DEFAULT_ENDPOINT
-from .ask import ask
+from .ask import Answer, ask
 from .chunks import chunks, encoded, outputs
 from .connection import Connection
 from .followed import Followed
@@ -46,6 +47,10 @@ class Client:
         connect: Endpoints to dial.
         zenoh_config: A Zenoh configuration file to use instead of the package's own values.
         timeout_s: How long a question may take [s].
+        latch: Time [s] within which a second error of integrity latches the stop of every ``stream`` and
+            ``follower`` until ``acknowledge``; no latch where left out.
+        echo: Whether a ``stream`` or ``follower`` tells the service how long its messages are on their way.
+            One that only shows what holds, and moves nothing, need not.
 
     Raises:
         ConfigError: The name, an endpoint or the file is not acceptable.
@@ -58,10 +63,14 @@ class Client:
         connect: Sequence[str] = (DEFAULT_ENDPOINT,),
         zenoh_config: str | Path | None = None,
         timeout_s: float = 1.0,
+        latch: float | None = None,
+        echo: bool = True,
     ) -> None:
         self.keys = Keys(robot)
         self.connection = Connection(connect, zenoh_config)
         self._timeout_s = timeout_s
+        self._echo = echo
+        self._latch = None if latch is None else Latch(latch)
         # Also at the end of a program that forgot to: a process with an open session may never exit.
         self._finalizer = weakref.finalize(self, self.connection.close)
 
@@ -95,10 +104,21 @@ class Client:
         """Return counters, ages and timings. It raises as ``zone`` does."""
         return self._one("health", m.Health)
 
+    def reset(self) -> m.ResetReply:
+        """Acknowledge errors of integrity that the service has latched; its answer says what they were.
+
+        It raises as ``zone`` does. The zone comes back after its good ticks.
+        """
+        return self._one("reset", m.ResetReply)
+
+    def acknowledge(self) -> str | None:
+        """Acknowledge what this client's own ``latch`` holds; return what that was."""
+        return None if self._latch is None else self._latch.reset()
+
     def config(self) -> dict[str, Any]:
         """Return the configuration in force. It raises as ``zone`` does."""
         try:
-            return msgspec.json.decode(self._sole("config"), type=dict[str, Any])
+            return msgspec.json.decode(self._plain("config"), type=dict[str, Any])
         except msgspec.DecodeError as error:
             raise ServiceError(f"config answered with something malformed: {error}") from error
 
@@ -136,7 +156,7 @@ class Client:
         """
         answers: list[m.EvaluateOutput | m.EvaluateError] = []
         for chunk in chunks(inputs):
-            answers.extend(outputs(self._sole("evaluate", chunk.payload, timeout_s), chunk.count))
+            answers.extend(outputs(self._plain("evaluate", chunk.payload, timeout_s), chunk.count))
         return answers
 
     def robots(self) -> list[str]:
@@ -151,7 +171,7 @@ class Client:
 
     def follower(self) -> Follower:
         """Return a watchdog for a control loop of one's own; it lives as long as this client."""
-        return Follower(self.connection, self.keys)
+        return Follower(self.connection, self.keys, latch=self._latch, echo=self._echo)
 
     def stream(self) -> Iterator[Followed]:
         """Yield the newest decision whenever there is one, and a stop by itself when none came in time.
@@ -185,13 +205,22 @@ class Client:
             raise DuplicateServiceError(f"{len(answers)} services answer for {self.keys.robot}")
         return answers[0]
 
-    def _sole(self, name: str, payload: bytes | None = None, timeout_s: float | None = None) -> bytes:
+    def _sole(self, name: str, payload: bytes | None = None, timeout_s: float | None = None) -> Answer:
         answers = self._asked(name, payload, timeout_s)
         if len(answers) > 1:
             raise DuplicateServiceError(f"{len(answers)} services answer for {self.keys.robot}")
         return answers[0]
 
-    def _asked(self, name: str, payload: bytes | None = None, timeout_s: float | None = None) -> list[bytes]:
+    def _plain(self, name: str, payload: bytes | None = None, timeout_s: float | None = None) -> bytes:
+        """Return the sole answer of a kind that has no producer, once its checksum is right."""
+        answer = self._sole(name, payload, timeout_s)
+        try:
+            opened(self.keys.output(name), "", 0, answer.payload, answer.attachment, required=True)
+        except InputError as error:
+            raise ServiceError(f"{name} answered with something malformed: {error}") from error
+        return answer.payload
+
+    def _asked(self, name: str, payload: bytes | None = None, timeout_s: float | None = None) -> list[Answer]:
         key = self.keys.output(name)
         try:
             return ask(self.connection, key, patience_s=self._timeout_s, timeout_s=timeout_s, payload=payload)
@@ -210,8 +239,9 @@ class Client:
             return "its service is there, but did not answer in time"
         return f"there: {listed(robots)}" if robots else "no robot's service is there"
 
-    def _decoded(self, name: str, kind: type[M], payload: bytes) -> M:
+    def _decoded(self, name: str, kind: type[M], answer: Answer) -> M:
+        decoder = SealedDecoder(kind, self.keys.output(name), LARGEST_ANSWER)
         try:
-            return Decoder(kind, LARGEST_ANSWER).decode(payload)
+            return decoder.decode(answer.payload, answer.attachment, required=True).message
         except InputError as error:
             raise ServiceError(f"{name} answered with something malformed: {error}") from error

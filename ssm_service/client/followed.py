@@ -18,7 +18,7 @@ class Followed:
         velocity: (n,), [rad/s or m/s], by name. All zero in a stop.
         speed_limit: (n,), [rad/s or m/s], by name. All zero in a stop.
         reasons: The service's words, or the watchdog's own: ``waiting:service``, ``stale:service``,
-            ``invalid:service`` or ``duplicate:service``.
+            ``invalid:service``, ``duplicate:service`` or ``latched:FAULT``.
         zone_message: The message that this was taken from; ``None`` in a stop of the consumer's own.
         command_message: Likewise; also ``None`` in a service's stop whose command has not arrived.
         stopped_by_consumer: Whether the watchdog stopped, because nothing valid had come in time.

@@ -7,10 +7,12 @@ import time
 import zenoh
 
 from ..errors import InputError
-from ..wire import Keys
+from ..wire import Heard, Keys
 from ..wire import messages as m
+from ..wire.latch import Latch
 from .accept import CAPACITY, Channel
 from .connection import Connection
+from .echoing import Echoing
 from .followed import Followed
 from .roundtrip import RoundTrip
 from .watchdog import LONGEST_VALID_NS, Watchdog
@@ -31,12 +33,27 @@ class Follower:
         link: An open session, or a ``Connection`` that may still be waiting for one.
         keys: The robot's keys.
         longest_valid_ns: Bound of every ``valid_for_ns``.
+        latch: See ``Watchdog``.
+        echo: Whether to send echoes, by which the service measures the transport to this consumer. One that
+            only shows what holds need not.
+
+    Attributes:
+        heard: The newest tick whose zone was taken: what a driver in the same process may name as ``after``.
     """
 
     def __init__(
-        self, link: zenoh.Session | Connection, keys: Keys, *, longest_valid_ns: int = LONGEST_VALID_NS
+        self,
+        link: zenoh.Session | Connection,
+        keys: Keys,
+        *,
+        longest_valid_ns: int = LONGEST_VALID_NS,
+        latch: Latch | None = None,
+        echo: bool = True,
     ) -> None:
-        self.watchdog = Watchdog(keys.robot, longest_valid_ns)
+        self.watchdog = Watchdog(keys.robot, longest_valid_ns, latch)
+        self.heard: Heard | None = None
+        self._echo = echo
+        self._echoing: Echoing | None = None
         self._link = link
         self._keys = keys
         self._channels: tuple[Channel[m.Zone], Channel[m.VelocityCommand]] | None = None
@@ -64,6 +81,8 @@ class Follower:
         if self._drain(zones, now) & self._drain(commands, now):
             # After a longish gap an empty channel may only mean that Zenoh's own threads were held up, too.
             self._empty_ns = now if 2 * gap <= self.watchdog.valid_for_ns else before
+        if self._echoing is not None:
+            self._echoing.send()
         state = self.watchdog.state(now)
         # All this took time, and a process can be stopped anywhere.
         return state if now_ns is not None else self.watchdog.state(time.monotonic_ns())
@@ -71,8 +90,9 @@ class Follower:
     def close(self) -> None:
         """End the subscriptions; the session stays its owner's."""
         channels, self._channels, self._trip = self._channels, None, None
-        for channel in channels or ():
-            channel.close()
+        echoing, self._echoing = self._echoing, None
+        for part in (*(channels or ()), *((echoing,) if echoing else ())):
+            part.close()
 
     def _attach(self) -> None:
         session = self._link.session if isinstance(self._link, Connection) else self._link
@@ -83,6 +103,7 @@ class Follower:
             Channel(session, self._keys.output("command"), m.VelocityCommand),
         )
         self._trip = RoundTrip(session, self._keys.output("zone"))
+        self._echoing = Echoing(session, self._keys) if self._echo else None
 
     def _start_over(self, now: int) -> None:
         self.watchdog.forget()
@@ -111,10 +132,19 @@ class Follower:
             if sample is None:
                 return True
             try:
-                self.watchdog.take(channel.decode(sample), self._empty_ns, now)
+                message = channel.decode(sample)
+                self.watchdog.take(message, self._empty_ns, now)
             except InputError as error:
                 self.watchdog.refuse(error, now)
+                continue
+            if isinstance(message, m.Zone):
+                self._hear(message)
         return False
+
+    def _hear(self, zone: m.Zone) -> None:
+        self.heard = Heard(zone.producer, zone.seq)
+        if self._echoing is not None:
+            self._echoing.hear(zone)
 
 
 def _receive(channel: Channel[m.Zone] | Channel[m.VelocityCommand]) -> zenoh.Sample | None:

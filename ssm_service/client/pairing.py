@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ..errors import InputError
 from ..wire import messages as m
+from ..wire import old_seq
 from .accept import Output
 
 WAITING = 64
@@ -57,7 +58,7 @@ class Pairing:
         if message.seq <= self._floor:
             return None
         if message.seq <= newest:
-            raise InputError("old_seq", "seq", message.seq, f"above {newest}, the last one taken")
+            raise old_seq(message.seq, newest)
         self._newest[type(message)] = message.seq
         if isinstance(message, m.Zone):
             if message.zone == "stop":

@@ -44,7 +44,7 @@ class RoundTrip:
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self._session = session
         self._key = key
-        self._decoder = OutputDecoder(m.Zone)
+        self._decoder = OutputDecoder(m.Zone, key)
         self._replies: zenoh.Handler[zenoh.Reply] | None = None
         self._asked_ns = 0
         self._next_ns = 0

@@ -6,6 +6,7 @@ from collections import Counter
 
 from ..errors import InputError
 from ..wire import messages as m
+from ..wire.latch import Latch
 from .accept import Output, check
 from .followed import Followed, decision, own_stop, service_stop
 from .pairing import Pairing
@@ -40,10 +41,20 @@ class Watchdog:
     Args:
         robot: The robot's name on the network; messages for another one are refused.
         longest_valid_ns: Bound of every ``valid_for_ns``.
+        latch: Holds the stop after two errors of integrity within its interval, until it is reset. The stop's
+            reason is then ``latched:`` and the second one's fault.
+
+    Attributes:
+        rejected: Refused messages by cause.
+        integrity_errors: Those of them that show a fault of transmission, by fault (``wire.integrity``).
     """
 
-    def __init__(self, robot: str, longest_valid_ns: int = LONGEST_VALID_NS) -> None:
+    def __init__(
+        self, robot: str, longest_valid_ns: int = LONGEST_VALID_NS, latch: Latch | None = None
+    ) -> None:
         self.rejected: Counter[str] = Counter()
+        self.integrity_errors: Counter[str] = Counter()
+        self._latch = latch
         self.last_rejection = ""
         self.valid_for_ns = SHORTEST_VALID_NS
         self._robot = robot
@@ -110,9 +121,8 @@ class Watchdog:
         if self._pairing is None:
             return
         if message.producer != self._pairing.producer:
-            raise InputError(
-                "second_producer", "producer", message.producer, f"only {self._pairing.producer}"
-            )
+            allowed = f"only {self._pairing.producer}"
+            raise InputError("second_producer", "producer", message.producer, allowed, fault="insertion")
         pair = self._pairing.add(message, max(arrived_ns, self._asked_ns))
         if pair is not None:
             self.valid_for_ns = min(pair.zone.valid_for_ns, pair.command.valid_for_ns, self._longest_ns)
@@ -126,6 +136,10 @@ class Watchdog:
         """Count a refused message. It never makes anything hold longer."""
         self.rejected[error.cause] += 1
         self.last_rejection = str(error)[:300]
+        if error.fault:
+            self.integrity_errors[error.fault] += 1
+            if self._latch is not None:
+                self._latch.error(error.fault, self._robot, now_ns * 1e-9)
         if error.cause != "second_producer":
             self._refused_ns = now_ns
 
@@ -136,6 +150,9 @@ class Watchdog:
     def state(self, now_ns: int) -> Followed:
         """Return what holds now; the same object as long as nothing changed."""
         self.expire(now_ns)
+        latched = None if self._latch is None else self._latch.latched
+        if latched is not None:
+            return self._stop(f"latched:{latched.partition(' ')[0]}")
         if self._current is None or now_ns < self._duplicate_until_ns:
             return self._stop(self._reason(now_ns))
         return self._current

@@ -41,6 +41,7 @@ class ServiceOptions:
         connect: Endpoints to dial, e.g. a router's.
         zenoh_config: Zenoh configuration file to start from.
         seconds: End by itself after this time.
+        state: Folder in which a latched stop is kept; by default ``ssm-service`` in the user's state folder.
         insecure: Run although an endpoint beyond this machine is not under mutual TLS; ``health`` says so.
     """
 
@@ -52,6 +53,7 @@ class ServiceOptions:
     connect: Sequence[str] = ()
     zenoh_config: Path | None = None
     seconds: float | None = None
+    state: Path | None = None
     insecure: bool = False
 
     def __post_init__(self) -> None:

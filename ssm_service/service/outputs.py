@@ -11,8 +11,9 @@ from msgspec.structs import replace
 
 from ..monitor import Decision
 from ..safety import Zone
-from ..wire import Keys, command_message, encoding_of, zone_message
+from ..wire import Keys, command_message, encoding_of, seal, zone_message
 from ..wire import messages as m
+from .queries import Reply
 
 
 class Outputs:
@@ -45,7 +46,8 @@ class Outputs:
         self._encoder = msgspec.json.Encoder()
         self._zone = self._publisher(session, keys.output("zone"), m.Zone)
         self._command = self._publisher(session, keys.output("command"), m.VelocityCommand)
-        self.zone_reply = self.command_reply = b""
+        self._keys = keys
+        self.zone_reply = self.command_reply = Reply(b"", "", b"")
         self.last: Decision | None = None
 
     @staticmethod
@@ -78,11 +80,16 @@ class Outputs:
             robot=self._robot,
             name=self._joint_names,
         )
-        self.zone_reply = self._encoder.encode(zone)
-        self.command_reply = self._encoder.encode(command)
-        self._zone.put(self.zone_reply)
-        self._command.put(self.command_reply)
+        self.zone_reply = self._sealed("zone", zone)
+        self.command_reply = self._sealed("command", command)
+        self._zone.put(self.zone_reply.payload, attachment=self.zone_reply.attachment)
+        self._command.put(self.command_reply.payload, attachment=self.command_reply.attachment)
         self.last = decision
+
+    def _sealed(self, name: str, message: m.Zone | m.VelocityCommand) -> Reply:
+        payload = self._encoder.encode(message)
+        attachment = seal(self._keys.output(name), message.producer, message.seq, payload)
+        return Reply(payload, encoding_of(type(message)), attachment)
 
     def publish_stop(self, reason: str) -> None:
         """Publish a protective stop as the decision after the last one, if there was one."""

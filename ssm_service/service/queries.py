@@ -5,13 +5,31 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
+import msgspec
 import zenoh
 
-from ..wire import Keys
+from ..wire import Keys, encoding_of
+from ..wire import messages as m
 
 CHANNEL_CAPACITY = 256
 JSON = "application/json"
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """An answer.
+
+    Attributes:
+        payload: Its bytes.
+        encoding: Their encoding.
+        attachment: Their checksum.
+    """
+
+    payload: bytes
+    encoding: str
+    attachment: bytes
 
 
 class StoredReplies:
@@ -23,17 +41,20 @@ class StoredReplies:
     Args:
         session: The Zenoh session.
         keys: The robot's keys.
-        replies: For each key name, what to answer: ``(payload, encoding)``, made when asked.
+        replies: For each key name, what to answer, made when asked.
+        by_name: Those that do something when asked; a query for a wider key is not for them.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
         keys: Keys,
-        replies: dict[str, Callable[[], tuple[bytes, str]]],
+        replies: dict[str, Callable[[], Reply]],
+        by_name: frozenset[str] = frozenset(),
     ) -> None:
         self.answered: Counter[str] = Counter(dict.fromkeys(replies, 0))
         self._replies = replies
+        self._by_name = by_name
         self._keys = {name: keys.output(name) for name in replies}
         self._queryables = {
             name: session.declare_queryable(key, zenoh.handlers.RingChannel(CHANNEL_CAPACITY))
@@ -54,9 +75,21 @@ class StoredReplies:
                     self._answer(name, query)
 
     def _answer(self, name: str, query: zenoh.Query) -> None:
-        payload, encoding = self._replies[name]()
+        key = self._keys[name]
         with query:
+            if name in self._by_name and str(query.key_expr) != key:
+                text = f"{key} answers only who asks for it by this name"
+                query.reply_err(
+                    msgspec.json.encode(m.EvaluateError(error=text)), encoding=encoding_of(m.EvaluateError)
+                )
+                return
+            reply = self._replies[name]()
             query.reply(
-                self._keys[name], payload, encoding=encoding, express=True, priority=zenoh.Priority.REAL_TIME
+                key,
+                reply.payload,
+                encoding=reply.encoding,
+                attachment=reply.attachment,
+                express=True,
+                priority=zenoh.Priority.REAL_TIME,
             )
         self.answered[name] += 1

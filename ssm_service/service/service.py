@@ -14,16 +14,19 @@ import zenoh
 from ..errors import SsmError
 from ..model import Robot
 from ..monitor import Decision, Monitor, weaknesses
-from ..wire import Keys, encoding_of
+from ..wire import Keys, encoding_of, seal
 from ..wire import messages as m
 from .child import EvaluatingProcess
 from .duplicates import ForeignOutputs, refuse_duplicate
-from .inputs import InputChannels
+from .inputs import InputChannels, Surroundings
+from .integrity import integrity_watch
+from .latch_file import state_file
 from .loop import Beat, FixedRateLoop
 from .options import ServiceOptions
 from .outputs import Outputs, stopped
-from .queries import JSON, StoredReplies
-from .statistics import Timings, resident_bytes
+from .publications import Publications
+from .queries import JSON, Reply, StoredReplies
+from .statistics import RecentGreatest, Timings, resident_bytes
 
 DRAIN_SHARE = 0.3
 """Share of a period that draining the inputs may take."""
@@ -33,6 +36,9 @@ COLLECT_NEEDS_NS = 1_000_000
 """Free time [ns] before the next tick below which the garbage collector is not run."""
 
 MAX_WARNINGS = 50
+
+TICK_WINDOW_NS = 1_000_000_000
+"""For how long the longest tick counts, at least [ns]."""
 
 
 class Service:
@@ -67,9 +73,22 @@ class Service:
         self._loop = FixedRateLoop(period_ns)
         refuse_duplicate(session, self._keys)
         self.producer = uuid.uuid4().hex
-        self._inputs = InputChannels(
-            robot, session, self._keys, int(DRAIN_SHARE * period_ns), self._monitor.range_reader
+        self.warnings: list[str] = []
+        self._integrity = integrity_watch(
+            self._monitor.profile.config.latch,
+            state_file(options.state, self._keys.robot),
+            self._log,
+            self.warn,
         )
+        self._publications = Publications(self.producer, time.monotonic_ns())
+        shared = Surroundings(
+            robot=robot,
+            session=session,
+            keys=self._keys,
+            publications=self._publications,
+            watch=self._integrity,
+        )
+        self._inputs = InputChannels(shared, int(DRAIN_SHARE * period_ns), self._monitor.range_reader)
         self._outputs = Outputs(
             session,
             self._keys,
@@ -80,10 +99,11 @@ class Service:
         )
         self._foreign = ForeignOutputs(session, self._keys)
         self._encoder = msgspec.json.Encoder()
-        self._config = self._encoder.encode(self._configuration())
+        config = self._encoder.encode(self._configuration())
+        self._config = Reply(config, JSON, seal(self._keys.output("config"), "", 0, config))
         self._tick_times, self._lateness = Timings(), Timings()
+        self._tick_lengths = RecentGreatest(TICK_WINDOW_NS)
         self._ticks = self._skipped = self._overruns = self._held_up_ns = 0
-        self.warnings: list[str] = []
         for weakness in weaknesses(robot, self._monitor.profile.name, period_s=self._monitor.period_s):
             self.warn(str(weakness))
         self._started_ns = time.monotonic_ns()
@@ -105,6 +125,7 @@ class Service:
         finally:
             self._outputs.publish_stop("shutdown")
             self._token.undeclare()  # type: ignore[no-untyped-call]
+            self._integrity.close()
 
     @property
     def stopping(self) -> bool:
@@ -143,13 +164,22 @@ class Service:
         heard_before = self._foreign.ever_heard
         duplicate = self._foreign.heard(beat.now_ns)
         overrun_ns = max(beat.overrun_ns, self._held_up_ns)
-        inputs = self._inputs.read(beat.now_ns, overrun_s=overrun_ns * 1e-9, duplicate=duplicate)
+        inputs = self._inputs.read(
+            beat.now_ns,
+            overrun_s=overrun_ns * 1e-9,
+            duplicate=duplicate,
+            tick_s=(self._tick_lengths.at(beat.now_ns) or 0) * 1e-9,
+        )
         try:
             decision = self._monitor.step(inputs)
         except SsmError as error:
             # Whatever the monitor cannot decide is a stop; the inputs were checked, so this is ours to mend.
             decision = self._internal_stop(error)
-        self._outputs.publish(self._if_still_new(decision, beat))
+        decision = self._if_still_new(decision, beat)
+        self._publications.add(decision.tick, time.monotonic_ns())
+        self._outputs.publish(decision)
+        published_ns = time.monotonic_ns()
+        self._tick_lengths.add(published_ns - beat.now_ns, published_ns)
         self._ticks += 1
         if duplicate and not heard_before:
             self.warn(f"another service publishes as '{self._keys.robot}': stop until one of the two ends")
@@ -193,11 +223,27 @@ class Service:
             session,
             self._keys,
             {
-                "zone": lambda: (self._outputs.zone_reply, encoding_of(m.Zone)),
-                "command": lambda: (self._outputs.command_reply, encoding_of(m.VelocityCommand)),
-                "config": lambda: (self._config, JSON),
-                "health": lambda: (self._encoder.encode(self._health()), encoding_of(m.Health)),
+                "zone": lambda: self._outputs.zone_reply,
+                "command": lambda: self._outputs.command_reply,
+                "config": lambda: self._config,
+                "health": lambda: self._sealed("health", self._health()),
+                "reset": lambda: self._sealed("reset", self._reset()),
             },
+            by_name=frozenset({"reset"}),
+        )
+
+    def _sealed(self, name: str, message: m.Health | m.ResetReply) -> Reply:
+        payload = self._encoder.encode(message)
+        attachment = seal(self._keys.output(name), message.producer, message.seq, payload)
+        return Reply(payload, encoding_of(type(message)), attachment)
+
+    def _reset(self) -> m.ResetReply:
+        return m.ResetReply(
+            producer=self.producer,
+            seq=self._ticks,
+            stamp_ns=time.time_ns(),
+            robot=self._keys.robot,
+            cleared=self._integrity.reset(),
         )
 
     def _configuration(self) -> dict[str, object]:
@@ -234,6 +280,10 @@ class Service:
             lost={name: source.gate.lost for name, source in sources.items()},
             age_s={name: source.received(now_ns).age_s for name, source in sources.items()},
             queries=dict(self._replies.answered),
+            integrity={name: source.integrity for name, source in sources.items()},
+            integrity_errors=dict(self._integrity.counts),
+            latched=self._integrity.latched,
+            transport_s=self._inputs.echoes.transport_s(now_ns),
             memory_bytes=resident_bytes(),
             warnings=self.warnings,
         )

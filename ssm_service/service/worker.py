@@ -21,7 +21,7 @@ import zenoh
 from ..errors import InputError, SsmError
 from ..model import Robot
 from ..monitor import Evaluator, JointSample, joint_sample, zone_profile
-from ..wire import Decoder, Keys, encoding_of, evaluate_message, frames_message, question_from
+from ..wire import Decoder, Keys, encoding_of, evaluate_message, frames_message, question_from, seal
 from ..wire import messages as m
 from ..wire.convert import joints_value
 from ..wire.session import open_session, zenoh_config
@@ -111,7 +111,8 @@ class EvaluatingWorker:
             traceback.print_exc()
             self._refuse(query, f"internal error: {type(error).__name__}")
         else:
-            query.reply(self._keys[name], reply, encoding=encoding)
+            key = self._keys[name]
+            query.reply(key, reply, encoding=encoding, attachment=seal(key, "", 0, reply))
 
     def _refuse(self, query: zenoh.Query, text: str) -> None:
         query.reply_err(

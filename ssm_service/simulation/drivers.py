@@ -10,9 +10,11 @@ import msgspec
 import zenoh
 
 from ..model import Obstacle, Robot
-from ..wire import Keys, encoding_of, optional_readings
+from ..wire import Heard, Keys, encoding_of, optional_readings, seal
 from ..wire import messages as m
 from .world import Emitted
+
+Input = m.JointState | m.Ranges | m.Obstacles | m.Target
 
 
 class Drivers:
@@ -27,6 +29,7 @@ class Drivers:
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys, robot: Robot) -> None:
+        self._keys = keys
         self.producer = uuid.uuid4().hex
         self._encoder = msgspec.json.Encoder()
         self._order = sorted(range(len(robot.joint_names)), key=robot.joint_names.__getitem__)
@@ -43,18 +46,24 @@ class Drivers:
             for source, kind in m.INPUTS.items()
         }
 
-    def send(self, emitted: Emitted) -> None:
-        """Publish what is there.
+    def send(self, emitted: Emitted, after: Heard | None = None) -> None:
+        """Publish what is there, with its checksum.
+
+        Args:
+            emitted: What is there.
+            after: The newest tick that had been heard before, if any: it bounds the messages' age.
 
         Raises:
             zenoh.ZError: The session was closed.
         """
         for message in self.messages(emitted):
-            self._publishers[_SOURCE[type(message)]].put(self._encoder.encode(message))
+            source, payload = _SOURCE[type(message)], self._encoder.encode(message)
+            attachment = seal(self._keys.input(source), message.producer, message.seq, payload, after)
+            self._publishers[source].put(payload, attachment=attachment)
 
-    def messages(self, emitted: Emitted) -> list[m.Message]:
+    def messages(self, emitted: Emitted) -> list[Input]:
         """Return the messages for what is there, numbered and stamped."""
-        made: list[m.Message] = []
+        made: list[Input] = []
         if (joints := emitted.joints) is not None:
             position, velocity = joints.position[self._order].tolist(), joints.velocity[self._order].tolist()
             made.append(
@@ -76,7 +85,7 @@ class Drivers:
         return {"producer": self.producer, "seq": self._seq[source], "stamp_ns": time.time_ns()}
 
 
-_SOURCE = {kind: source for source, kind in m.INPUTS.items()}
+_SOURCE: dict[type[m.Message], str] = {kind: source for source, kind in m.INPUTS.items()}
 
 
 def _entry(obstacle: Obstacle) -> m.ObstacleEntry:

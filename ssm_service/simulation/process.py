@@ -118,7 +118,7 @@ class Simulation:
         self._steps += 1
         self._skipped += beat.skipped
         self.obeying.step((1 + beat.skipped) * PERIOD_NS * 1e-9, beat.now_ns)
-        self._drivers.send(self.world.emit())
+        self._drivers.send(self.world.emit(), self._follower.heard)
         self._tell()
         if self._on_step is not None:
             self._on_step(self)

@@ -15,6 +15,7 @@ from .gate import ProducerGate, old_seq
 from .integrity import Heard, opened, seal
 from .keys import Keys, robot_of
 from .messages import encoding_of, json_schemas, names_another
+from .samples import attachment_of, check_sample
 from .sealed import Opened, SealedDecoder
 
 __all__ = [
@@ -26,6 +27,8 @@ __all__ = [
     "ProducerGate",
     "SealedDecoder",
     "all_finite",
+    "attachment_of",
+    "check_sample",
     "command_message",
     "encoding_of",
     "evaluate_message",

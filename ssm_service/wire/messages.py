@@ -128,6 +128,18 @@ class Echo(Message, frozen=True, kw_only=True):
     ]
 
 
+class ResetReply(Message, frozen=True, kw_only=True):
+    """Answer to a ``reset`` query."""
+
+    producer: Identity
+    seq: Sequence
+    stamp_ns: Stamp
+    robot: str
+    cleared: Annotated[
+        str | None, Meta(description="what was latched, or remembered; null where there was nothing")
+    ]
+
+
 class NearestEntry(Message, frozen=True, kw_only=True):
     """The nearest thing of all sources."""
 
@@ -423,6 +435,7 @@ ALL: tuple[type[Message], ...] = (
     Echo,
     Separation,
     Health,
+    ResetReply,
 )
 """Every message with a schema of its own."""
 

@@ -10,16 +10,16 @@ import msgspec
 from ..errors import InputError
 from .decode import Decoder
 from .integrity import Attachment, Heard, parsed, verify
-from .messages import MAX_PAYLOAD, Identity, Message, Sequence
+from .messages import MAX_PAYLOAD, Message
 
 M = TypeVar("M", bound=Message)
 
 
 class _Head(msgspec.Struct, frozen=True):
-    """What the checksum needs of a message, whatever else is in it."""
+    """What the checksum needs of a message, whatever else is in it or wrong with it."""
 
-    producer: Identity = ""
-    seq: Sequence = 0
+    producer: str = ""
+    seq: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import json
 import sys
 import threading
 import time
+import zlib
 
 import zenoh
 
@@ -50,6 +51,11 @@ def session(args):
     return zenoh.open(config)
 
 
+def crc(key, payload, producer="", seq=0):
+    covered = f"{key}\n{producer}\n{seq}\n\n".encode() + payload
+    return f"crc32={zlib.crc32(covered):08x}"
+
+
 class Pretended:
     def __init__(self, args, session):
         self.args = args
@@ -58,7 +64,7 @@ class Pretended:
         self.wish = {"zone": "green", "fault": None, "command": True, "publish": True}
         self.seq = 1000
         self.zone_bytes = self.command_bytes = b""
-        names = [] if args.mute else ["zone", "command", "health", "config", "frames", "evaluate"]
+        names = [] if args.mute else ["zone", "command", "health", "config", "frames", "evaluate", "reset"]
         self.queryables = {
             name: session.declare_queryable(self.prefix + name, zenoh.handlers.FifoChannel(64))
             for name in names
@@ -121,8 +127,18 @@ class Pretended:
             encoding = "application/json" if fault == "encoding" else f"application/json;ssm.{schema}/1"
             if fault == "delete":
                 self.session.delete(self.prefix + name)
-            else:
-                self.session.put(self.prefix + name, payload, encoding=encoding, **PUBLISHING)
+                continue
+            attachment = self.seal(name, payload)
+            if fault == "corrupt":
+                payload = payload.replace(b'"seq"', b'"seq" ')
+            if fault == "no_crc":
+                attachment = None
+            self.session.put(
+                self.prefix + name, payload, encoding=encoding, attachment=attachment, **PUBLISHING
+            )
+
+    def seal(self, name, payload):
+        return crc(self.prefix + name, payload, self.args.producer, self.seq)
 
     def serve(self):
         for name, queryable in self.queryables.items():
@@ -132,19 +148,31 @@ class Pretended:
 
     def answer(self, name, query):
         key, asked = self.prefix + name, b"" if query.payload is None else query.payload.to_bytes()
-        if name == "zone":
+        if self.wish["fault"] == "no_crc":
             query.reply(key, self.zone_bytes, encoding="application/json;ssm.Zone/1")
+        elif name == "zone":
+            encoding, seal = "application/json;ssm.Zone/1", self.seal(name, self.zone_bytes)
+            query.reply(key, self.zone_bytes, encoding=encoding, attachment=seal)
         elif name == "command":
-            query.reply(key, self.command_bytes, encoding="application/json;ssm.VelocityCommand/1")
+            encoding, seal = "application/json;ssm.VelocityCommand/1", self.seal(name, self.command_bytes)
+            query.reply(key, self.command_bytes, encoding=encoding, attachment=seal)
         elif name == "config":
-            query.reply(key, b'{"rate_hz": 400}')
+            self.reply(query, key, b'{"rate_hz": 400}')
         elif name == "health":
-            query.reply(key, b'{"not": "a health message"}')
+            self.reply(query, key, b'{"not": "a health message"}')
         elif name == "frames":
             query.reply_err(b'{"error": "no fresh joint state"}')
+        elif name == "reset":
+            head = {"producer": self.args.producer, "seq": 3, "stamp_ns": 0, "robot": self.args.robot}
+            text = json.dumps({**head, "cleared": "corruption on in/joints"}).encode()
+            query.reply(key, text, attachment=crc(key, text, self.args.producer, 3))
         else:
             entries = json.loads(asked)
-            query.reply(key, json.dumps([{"error": f"{len(entries)}:{e['position'][0]}"} for e in entries]))
+            answer = [{"error": f"{len(entries)}:{e['position'][0]}"} for e in entries]
+            self.reply(query, key, json.dumps(answer).encode())
+
+    def reply(self, query, key, payload):
+        query.reply(key, payload, attachment=crc(key, payload))
 
     def listen_to_wishes(self):
         for line in sys.stdin:

@@ -6,6 +6,7 @@ endpoint, producer, sources: {"joints": [period_s, {fields}], …}
 import json
 import sys
 import time
+import zlib
 
 import zenoh
 
@@ -29,7 +30,9 @@ def main():
                 due[source] = max(due[source] + period, now)
                 seq[source] += 1
                 head = {"producer": wanted["producer"], "seq": seq[source], "stamp_ns": time.time_ns()}
-                session.put(f"{ROBOT}/in/{source}", json.dumps({**head, **fields}))
+                key, payload = f"{ROBOT}/in/{source}", json.dumps({**head, **fields}).encode()
+                covered = f"{key}\n{head['producer']}\n{head['seq']}\n\n".encode() + payload
+                session.put(key, payload, attachment=f"crc32={zlib.crc32(covered):08x}")
             time.sleep(max(0.0, min(due.values()) - time.monotonic()))
 
 

@@ -6,7 +6,7 @@ import json
 import random
 from typing import Any
 
-from service_kit import FAR, HEALTHY, JOINT_FIELDS
+from service_kit import FAR, HEALTHY, JOINT_FIELDS, crc
 
 STRANGER = {"producer": "stranger", "seq": 10**9, "stamp_ns": 0}
 
@@ -26,8 +26,8 @@ MALFORMED = [
 ]
 
 
-def hostile(source: str, count: int, seed: int) -> list[bytes]:
-    """Return messages each of which must be refused while the good driver is there."""
+def hostile(source: str, count: int, seed: int) -> list[tuple[bytes, bytes | None]]:
+    """Return messages, with attachments, each of which must be refused while the good driver is there."""
     choose = random.Random(seed)
     good = {**STRANGER, **HEALTHY[source][1]}
     fields = [key for key in good if key not in STRANGER]
@@ -53,4 +53,18 @@ def hostile(source: str, count: int, seed: int) -> list[bytes]:
         lambda: json.dumps({**STRANGER, **milder[source]}).encode(),
         lambda: json.dumps({**STRANGER, "producer": choose.randbytes(8).hex(), **milder[source]}).encode(),
     ]
-    return [choose.choice(kinds)() for _ in range(count)]
+
+    def attachment(payload: bytes) -> bytes | None:
+        right = crc(f"ssm/ur3/in/{source}", payload)
+        wrong = [
+            None,
+            b"",
+            b"\xff" * choose.randrange(2000),
+            right[:-1],
+            right + b";after=x",
+            b"crc32=%08x" % choose.randrange(2**32),
+            right + b";after=nobody/1",
+        ]
+        return right if choose.random() < 0.6 else choose.choice(wrong)
+
+    return [(payload, attachment(payload)) for payload in (choose.choice(kinds)() for _ in range(count))]

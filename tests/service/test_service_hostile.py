@@ -74,7 +74,8 @@ def test_ten_thousand_hostile_messages_on_every_key_at_full_speed(service, watch
     begin = time.monotonic()
     for index in range(EACH):
         for source, batch in messages.items():
-            stranger.put(f"in/{source}", batch[index])
+            payload, attachment = batch[index]
+            stranger.put(f"in/{source}", payload, attachment=attachment)
     sent = time.monotonic() - begin
 
     def counted() -> bool:
@@ -83,9 +84,12 @@ def test_ten_thousand_hostile_messages_on_every_key_at_full_speed(service, watch
 
     wait_for(counted, 40.0, "every hostile message counted")
     after = watcher.health()
+    assert min(after["integrity_errors"][fault] for fault in ("corruption", "masquerade", "insertion")) > 1000
+    assert after["latched"] is None  # this profile has no latch
     for source in HEALTHY:
         assert refusals(after, source) - refusals(before, source) == EACH
         causes = {"not_json", "wrong_type", "unknown_field", "out_of_range", "second_producer", "too_large"}
+        causes |= {"missing_crc", "bad_attachment", "corrupt"}
         assert causes <= set(after["rejected"][source])
         assert len(after["rejected"][source]) < 25
         assert len(after["last_rejection"][source]) <= 300
@@ -220,13 +224,18 @@ def test_more_questions_than_can_wait_are_told_so(watcher, stranger):
 
 def test_a_copy_of_the_drivers_last_message_is_old(watcher, stranger):
     """Replayed as it was heard, every message is refused: its number is taken."""
-    heard: list[bytes] = []
+    heard: list[tuple[bytes, bytes]] = []
     with stranger.session.declare_subscriber(
-        "ssm/ur3/in/joints", lambda sample: heard.append(sample.payload.to_bytes())
+        "ssm/ur3/in/joints",
+        lambda sample: heard.append((sample.payload.to_bytes(), sample.attachment.to_bytes())),
     ):
         wait_for(lambda: len(heard) > 20)
-    before = watcher.health()["rejected"].get("joints", {}).get("old_seq", 0)
-    for text in heard[:20]:
+    first = watcher.health()
+    before = first["rejected"].get("joints", {}).get("old_seq", 0)
+    for text, attachment in heard[:20]:
         assert json.loads(text)["name"] == JOINT_FIELDS["name"]
-        stranger.put("in/joints", text)
+        stranger.put("in/joints", text, attachment=attachment)
     wait_for(lambda: watcher.health()["rejected"]["joints"].get("old_seq", 0) == before + 20)
+    errors = watcher.health()["integrity_errors"]
+    faults = sum(errors.get(fault, 0) for fault in ("repetition", "sequence"))
+    assert faults == 20 + sum(first["integrity_errors"].get(fault, 0) for fault in ("repetition", "sequence"))

@@ -10,7 +10,7 @@ import time
 
 import pytest
 import zenoh
-from service_kit import HERE, JOINTS, POSITION, RECOVERY_TICKS, Ear, strictly, wait_for, without_gaps
+from service_kit import HERE, JOINTS, POSITION, RECOVERY_TICKS, Ear, crc, strictly, wait_for, without_gaps
 
 
 def test_a_program_that_knows_nothing_of_us_asks_for_the_zone(shared_service, ear):
@@ -31,7 +31,7 @@ def test_a_program_that_knows_nothing_of_us_asks_for_the_zone(shared_service, ea
     zone = answers["zone"][1]
     assert set(zone) == {
         "producer", "seq", "stamp_ns", "valid_for_ns", "robot", "profile", "zone", "distance", "name",
-        "speed_limit", "speed_scaling", "nearest", "sources", "comparison", "reaction", "reasons",
+        "speed_limit", "speed_scaling", "nearest", "sources", "comparison", "limiting", "reaction", "reasons",
     }  # fmt: skip
     assert set(answers["command"][1]) == {
         "producer", "seq", "stamp_ns", "valid_for_ns", "robot", "zone", "name", "velocity",
@@ -58,6 +58,13 @@ def test_zone_and_command_of_a_tick_share_their_number(ear):
             assert abs(speed) <= limit
     assert {one.encoding for one in ear.heard("zone")} == {"application/json;ssm.Zone/1"}
     assert {one.encoding for one in ear.heard("command")} == {"application/json;ssm.VelocityCommand/1"}
+
+
+def test_every_message_has_its_checksum(ear):
+    wait_for(lambda: len(ear.heard("zone")) > 100 and len(ear.heard("command")) > 100)
+    for key in ("zone", "command"):
+        for one in ear.heard(key):
+            assert one.attachment == crc(f"ssm/ur3/{key}", one.text)
 
 
 def test_the_target_moves_the_arm_within_the_zones_limit(ear):

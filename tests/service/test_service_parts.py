@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import zenoh
 from msgspec.structs import replace
-from service_kit import HEALTHY, alive, wait_for
+from service_kit import HEALTHY, alive, crc, wait_for
 
 from ssm_service.errors import ConfigError, InputError
 from ssm_service.model import Robot
@@ -23,8 +23,10 @@ from ssm_service.monitor import Decision, Inputs, Monitor
 from ssm_service.safety import Zone
 from ssm_service.service import Beat, FixedRateLoop, Service, ServiceOptions
 from ssm_service.service.child import EvaluatingProcess
-from ssm_service.service.inputs import InputChannels
+from ssm_service.service.inputs import InputChannels, Surroundings
+from ssm_service.service.integrity import IntegrityWatch
 from ssm_service.service.outputs import stopped
+from ssm_service.service.publications import Publications
 from ssm_service.service.statistics import Rejections, Timings
 from ssm_service.wire import Keys
 from ssm_service.wire.session import open_session, zenoh_config
@@ -47,13 +49,25 @@ class FakeSession:
         queue = self.waiting.setdefault(key.rpartition("/")[2], [])
         return SimpleNamespace(handler=SimpleNamespace(try_recv=lambda: queue.pop(0) if queue else None))
 
-    def arrive(self, source: str, seq: int, producer: str = "driver", text: bytes | None = None) -> None:
+    def arrive(
+        self,
+        source: str,
+        seq: int,
+        producer: str = "driver",
+        text: bytes | None = None,
+        *,
+        after: str = "",
+        attachment: bytes | None = b"right",
+    ) -> None:
         head = {"producer": producer, "seq": seq, "stamp_ns": 0}
         payload = json.dumps({**head, **HEALTHY[source][1]}).encode() if text is None else text
+        if attachment == b"right":
+            attachment = crc(f"ssm/ur3/in/{source}", payload, after)
         sample = SimpleNamespace(
             kind=zenoh.SampleKind.PUT,
             encoding=zenoh.Encoding.APPLICATION_JSON,
             payload=SimpleNamespace(to_bytes=lambda: payload),
+            attachment=None if attachment is None else SimpleNamespace(to_bytes=lambda: attachment),
         )
         self.waiting[source].append(sample)
 
@@ -64,7 +78,16 @@ class Channels:
     def __init__(self, robot: Robot, budget_ns: int = 10**12) -> None:
         self.session = FakeSession()
         self.begin = time.monotonic_ns()
-        self.channels = InputChannels(robot, self.session, Keys("ur3"), budget_ns)  # type: ignore[arg-type]
+        self.publications = Publications("service", self.begin)
+        self.watch = IntegrityWatch()
+        shared = Surroundings(
+            robot=robot,
+            session=self.session,  # type: ignore[arg-type]
+            keys=Keys("ur3"),
+            publications=self.publications,
+            watch=self.watch,
+        )
+        self.channels = InputChannels(shared, budget_ns)
 
     def read(self, ms: float) -> Inputs:
         return self.channels.read(self.begin + int(ms * MS), overrun_s=0.0, duplicate=False)
@@ -222,7 +245,7 @@ def ticked(service: Service, step: Callable[[Inputs], Decision]) -> Decision:
     now = time.monotonic_ns()
     service._tick(Beat(now, now, 0, 0))
     assert service._outputs.last is not None
-    published = json.loads(service._outputs.zone_reply)
+    published = json.loads(service._outputs.zone_reply.payload)
     assert (published["seq"], published["zone"]) == (
         service._outputs.last.tick,
         service._outputs.last.zone.word,

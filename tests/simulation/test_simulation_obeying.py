@@ -14,7 +14,7 @@ from ssm_service.safety import Zone
 from ssm_service.simulation import World, load_scenario
 from ssm_service.simulation.drivers import Drivers
 from ssm_service.simulation.obeying import Obeying
-from ssm_service.wire import VALUES, Decoder, Keys
+from ssm_service.wire import VALUES, Decoder, Heard, Keys, opened
 from ssm_service.wire import messages as m
 
 DT = 0.002
@@ -128,13 +128,15 @@ class FakeSession:
 
     def __init__(self) -> None:
         self.put: list[tuple[str, str, bytes]] = []
+        self.attachments: list[bytes] = []
 
     def declare_publisher(self, key: str, *, encoding: str, **_qos: Any) -> Any:
         session = self
 
         class Publisher:
-            def put(self, payload: bytes) -> None:
+            def put(self, payload: bytes, *, attachment: bytes) -> None:
                 session.put.append((key, encoding, payload))
+                session.attachments.append(attachment)
 
         return Publisher()
 
@@ -145,15 +147,19 @@ def test_messages_say_what_the_world_emits(ur3: Robot) -> None:
     drivers = Drivers(session, Keys("ur3"), ur3)  # type: ignore[arg-type]
     generator = np.random.default_rng(11)
     counts = dict.fromkeys(m.INPUTS, 0)
-    for _ in range(500):
+    for step in range(500):
         emitted = world.emit()
         session.put.clear()
-        drivers.send(emitted)
-        for key, encoding, payload in session.put:
+        session.attachments.clear()
+        after = Heard("service", step) if step % 2 else None
+        drivers.send(emitted, after)
+        for (key, encoding, payload), attachment in zip(session.put, session.attachments, strict=True):
             source = key.removeprefix("ssm/ur3/in/")
             assert encoding == f"application/json;ssm.{m.INPUTS[source].__name__}/1"
             message: Any = Decoder(m.INPUTS[source]).decode(payload)
             assert (message.producer, message.seq) == (drivers.producer, counts[source])
+            heard = opened(key, message.producer, message.seq, payload, attachment, required=True)
+            assert heard == after
             counts[source] += 1
             value, sent = VALUES[source](ur3, message), getattr(emitted, source)
             assert same(value, sent)
