@@ -14,6 +14,7 @@ import pytest
 HERE = Path(__file__).parent
 ALONE = (
     "bench/test_bench_runs.py",
+    "bench/test_bench_scenes.py",
     "cli/test_cli_demo.py",
     "cli/test_cli_service.py",
     "client/test_client_queries.py",

@@ -1,0 +1,155 @@
+"""Questions and round trips with a session in the test's hands: answers when all goes wrong."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+import zenoh
+
+from ssm_service.client import Client, Follower
+from ssm_service.client.ask import ask
+from ssm_service.client.connection import Connection
+from ssm_service.client.roundtrip import RETRY_NS, TIMEOUT_NS, RoundTrip
+from ssm_service.errors import NoServiceError, ServiceError
+from ssm_service.wire import Keys
+
+NOBODY = "tcp/127.0.0.1:1"
+
+
+class Payload:
+    def __init__(self, data):
+        self.data = data
+
+    def to_bytes(self):
+        return self.data
+
+
+def good(data):
+    return SimpleNamespace(ok=SimpleNamespace(payload=Payload(data), attachment=None), err=None)
+
+
+def bad(data):
+    return SimpleNamespace(ok=None, err=SimpleNamespace(payload=Payload(data)))
+
+
+EMPTY = SimpleNamespace(ok=None, err=None)
+
+
+class Session:
+    """Answers queries with what it was given, one list after the other; then with none."""
+
+    def __init__(self, *answers):
+        self.answers = list(answers)
+        self.asked = []
+
+    def wait(self, _timeout_s):
+        return self
+
+    def get(self, key, *_channel, **options):
+        self.asked.append((key, options))
+        answer = self.answers.pop(0) if self.answers else []
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+def asked(session, **options):
+    return [answer.payload for answer in ask(session, "ssm/arm/zone", patience_s=0.12, **options)]
+
+
+def test_all_good_answers_come_back_whatever_else_does():
+    session = Session([bad(b'{"error": "no"}'), good(b"1"), EMPTY, good(b"2")])
+    assert asked(session, payload=b"[]", timeout_s=7.0) == [b"1", b"2"]
+    ((key, options),) = session.asked
+    assert key == "ssm/arm/zone"
+    assert (options["payload"], options["encoding"], options["timeout"]) == (b"[]", "application/json", 7.0)
+
+
+def test_it_asks_again_while_nobody_answers():
+    session = Session([], [bad(b"Timeout")], [good(b"1")])
+    assert asked(session) == [b"1"]
+    assert len(session.asked) == 3
+    timeouts = [options["timeout"] for _, options in session.asked]
+    assert timeouts == sorted(timeouts, reverse=True)
+    assert timeouts[0] <= 0.12
+    assert {options["encoding"] for _, options in session.asked} == {None}
+
+
+def test_nobody_is_an_error_with_the_time_that_was_waited():
+    with pytest.raises(NoServiceError, match=r"nobody answered ssm/arm/zone within 0\.12 s"):
+        asked(Session())
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"), [(b'{"error": "no fresh joints"}', "no fresh joints"), (b"\xffplain", "plain")]
+)
+def test_an_error_is_said_in_the_words_that_came(payload, words):
+    with pytest.raises(ServiceError, match=words) as caught:
+        asked(Session([bad(payload)]))
+    assert not isinstance(caught.value, NoServiceError)
+
+
+def test_a_query_that_cannot_be_sent_is_an_error_with_its_key():
+    with pytest.raises(ServiceError, match="ssm/arm/zone could not be sent: closed"):
+        asked(Session(zenoh.ZError("closed")))
+
+
+class Replies:
+    """A channel of replies that is empty, or ended."""
+
+    def __init__(self, *replies, ended=False):
+        self.replies, self.ended = list(replies), ended
+
+    def try_recv(self):
+        if self.replies:
+            return self.replies.pop(0)
+        if self.ended:
+            raise zenoh.ZError("ended")
+        return None
+
+
+def test_a_round_trip_that_cannot_be_sent_is_tried_again_later():
+    session = Session(zenoh.ZError("closed"), Replies())
+    trip = RoundTrip(session, "ssm/arm/zone")
+    assert trip.step(0) is None
+    assert trip.step(RETRY_NS - 1) is None
+    assert len(session.asked) == 1
+    assert trip.step(RETRY_NS) is None
+    assert len(session.asked) == 2
+
+
+def test_a_query_that_ended_without_an_answer_is_asked_anew():
+    session = Session(Replies(EMPTY, bad(b"Timeout"), ended=True), Replies())
+    trip = RoundTrip(session, "ssm/arm/zone")
+    assert [trip.step(0), trip.step(1), trip.step(RETRY_NS)] == [None] * 3
+    assert len(session.asked) == 2
+
+
+def test_a_query_that_nobody_ends_is_given_up_in_time():
+    session = Session(Replies(), Replies())
+    trip = RoundTrip(session, "ssm/arm/zone")
+    for now in (0, TIMEOUT_NS, TIMEOUT_NS + 1):
+        assert trip.step(now) is None
+    assert len(session.asked) == 1
+    trip.step(TIMEOUT_NS + 2)
+    assert len(session.asked) == 2
+
+
+def test_a_follower_without_a_session_says_stop_and_can_be_closed():
+    connection = Connection((NOBODY,), None)
+    follower = Follower(connection, Keys("arm"))
+    assert follower.poll().reasons == ("waiting:service",)
+    follower.close()
+    connection.close()
+    assert connection.session is None
+    with pytest.raises(NoServiceError, match="closed"):
+        connection.wait(0.1)
+
+
+def test_closing_before_anything_was_opened_ends_at_once():
+    client = Client("arm", connect=(NOBODY,))
+    client.close()
+    client.close()
+    with pytest.raises(NoServiceError, match="closed"):
+        client.robots()
