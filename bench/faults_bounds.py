@@ -1,0 +1,86 @@
+"""How long a fault may last before the consumer stops, computed from the configuration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ssm_service.config import load_robot_config
+from ssm_service.monitor import default_valid_for
+
+POLL_S = 0.002
+"""From one look of the consumer at its channels to the next, at most [s]."""
+
+FROZEN_SCANS = 10
+IMPLAUSIBLE_S = 0.3
+
+FORMULAS = """\
+Bounds, with T = `reaction.transport_s` (a way through the chaos process and one hop, either direction), V = \
+`valid_for`, P = the period, τ = the source's `timeout_s`, p = 2 ms between two looks of the consumer:
+'refused' (a message that must not be believed took the place of a good one): 2T + 2V + p. The last tick \
+that cannot know it begins within T; it is published within V of its beginning, or as a stop; it arrives \
+within T and holds for V.
+'stale' (nothing good comes in): τ + T + 2V + p. The age counts from before the last good arrival; the \
+last tick below τ is published within V, arrives within T and holds for V.
+'watchdog' (nothing good comes out): T + V + p. What was on its way arrives within T and holds for V.
+'paused' (the consumer itself stood still): T + p, T for the system to let it run again. What it held has \
+expired, and is proved anew before anything else is held.
+'starved' (nobody runs): the length of the starvation + T + 2V + p.\
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Bounds in ms.
+
+    Attributes:
+        transport_s: T.
+        valid_for_s: V.
+        timeout_s: τ, by source.
+        ring_period_s: Of the slowest ring.
+    """
+
+    transport_s: float
+    valid_for_s: float
+    timeout_s: dict[str, float]
+    ring_period_s: float
+
+    @classmethod
+    def of(cls, robot: Path, rate_hz: float) -> Bounds:
+        """Return the bounds of a robot file at a rate."""
+        file = load_robot_config(robot).file
+        names = ("joints", "ranges", "obstacles", "target")
+        return cls(
+            transport_s=file.reaction.transport_s,
+            valid_for_s=default_valid_for(1.0 / rate_hz),
+            ring_period_s=max(ring.period_s for ring in file.rings),
+            timeout_s={name: getattr(file.sources, name).timeout_s for name in names},
+        )
+
+    def refused_ms(self) -> float:
+        """See ``FORMULAS``."""
+        return 1e3 * (2 * self.transport_s + 2 * self.valid_for_s + POLL_S)
+
+    def stale_ms(self, source: str) -> float:
+        """See ``FORMULAS``."""
+        return 1e3 * (self.timeout_s[source] + self.transport_s + 2 * self.valid_for_s + POLL_S)
+
+    def watchdog_ms(self) -> float:
+        """See ``FORMULAS``."""
+        return 1e3 * (self.transport_s + self.valid_for_s + POLL_S)
+
+    def frozen_ms(self) -> float:
+        """See ``FORMULAS``."""
+        return 1e3 * (FROZEN_SCANS + 1) * self.ring_period_s + self.refused_ms()
+
+    def implausible_ms(self) -> float:
+        """See ``FORMULAS``."""
+        return 1e3 * IMPLAUSIBLE_S + self.refused_ms()
+
+    def paused_ms(self) -> float:
+        """See ``FORMULAS``."""
+        return 1e3 * (self.transport_s + POLL_S)
+
+    def starved_ms(self, seconds: float) -> float:
+        """See ``FORMULAS``."""
+        return 1e3 * (seconds + self.transport_s + 2 * self.valid_for_s + POLL_S)
