@@ -13,7 +13,7 @@ import typer
 
 from .._version import __version__
 from ..errors import NoServiceError
-from .options import JsonOption, RateOption, RobotOption, checked_rate, checked_seconds, number
+from .options import JsonOption, ProfileOption, RateOption, RobotOption, checked_rate, checked_seconds, number
 from .output import emit, emit_json, log
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def demo(
         str, typer.Option("--scenario", metavar="NAME|FILE", help="What happens round the robot.")
     ] = "crossing",
     robot: RobotOption = "ur3",
+    profile: ProfileOption = None,
     rate: RateOption = 500.0,
     out: Annotated[
         Path, typer.Option("--out", metavar="FOLDER", help="Where the report goes; made if need be.")
@@ -59,7 +60,7 @@ def demo(
     from .processes import Children, unwinding_on_termination
 
     with unwinding_on_termination(), Children() as children:
-        endpoint = _start(children, robot, scenario, rate, seconds)
+        endpoint = _start(children, robot, profile, scenario, rate, seconds)
         # Imports take their time, also those of a check: they are done while the children do theirs.
         from .figures import prepare
         from .report import SUMMARY, ReportFolder
@@ -67,7 +68,7 @@ def demo(
         from .summary_words import row_lines, summary_lines
 
         checked_rate(rate)
-        loaded, name = _loaded(robot, scenario)
+        loaded, name = _loaded(robot, profile, scenario)
         log(f"starting service and simulation on {endpoint}")
         prepare()
         with ReportFolder(out) as folder:
@@ -85,23 +86,34 @@ def demo(
             emit(text)
 
 
-def _start(children: Children, robot: str, scenario: str, rate: float, seconds: float) -> str:
+def _start(
+    children: Children, robot: str, profile: str | None, scenario: str, rate: float, seconds: float
+) -> str:
     """Start both other processes and return the service's endpoint."""
     from .processes import free_port
 
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     common = ["--robot", robot, "--seconds", str(seconds + START_TIMEOUT_S + ENDING_S)]
-    children.start("service", "run", *common, "--rate", str(rate), "--listen", endpoint)
+    service = ["--rate", str(rate), "--listen", endpoint, "--state", str(children.folder)]
+    if profile is not None:
+        service += ["--profile", profile]
+    children.start("service", "run", *common, *service)
     children.start("simulation", "sim", *common, "--scenario", scenario, "--connect", endpoint)
     return endpoint
 
 
-def _loaded(robot: str, scenario: str) -> tuple[Robot, str]:
-    """Return the robot and the scenario's name."""
+def _loaded(robot: str, profile: str | None, scenario: str) -> tuple[Robot, str]:
+    """Return the robot and the scenario's name.
+
+    Raises:
+        ConfigError: One of the three is not there or not right.
+    """
     from ..model import Robot
+    from ..monitor import zone_profile
     from ..simulation import load_scenario
 
     loaded = Robot.load(robot)
+    zone_profile(loaded, profile)
     return loaded, load_scenario(scenario, loaded).name
 
 

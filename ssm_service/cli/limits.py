@@ -37,7 +37,9 @@ def limits_obeyed(recording: Recording) -> dict[str, Any]:
     """Compare commands with the limits sent with them, and joint states with the limits known by then.
 
     A limit that falls takes effect at once, an arm slows down over some time. What was measured above a limit
-    that had just fallen is therefore counted apart from what was measured above one that had not.
+    that had just fallen is therefore counted apart from what was measured above one that had not. Where the
+    profile limits by direction (``directed``), the limits are those that are safe in any direction, and
+    moving away may be faster.
     """
     states = measured_excess(recording)
     above = [excess for excesses in states for excess in excesses]
@@ -45,6 +47,7 @@ def limits_obeyed(recording: Recording) -> dict[str, Any]:
     otherwise = [excess for excess in above if not excess.braking]
     within = sum(not excesses for excesses in states)
     return {
+        "directed": recording.directed,
         "commands": len(recording.commands),
         "commands_within_share": _commands_within(recording),
         "joint_states": len(states),

@@ -45,6 +45,11 @@ class Children:
         self.stop()
         self._folder.cleanup()
 
+    @property
+    def folder(self) -> Path:
+        """A folder that is gone when all is over, for what children keep."""
+        return Path(self._folder.name)
+
     def start(self, name: str, *arguments: str) -> None:
         """Start ``ssm`` with arguments; what it says is kept for the case that it fails."""
         with self._log_of(name).open("wb") as log:

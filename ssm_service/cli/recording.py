@@ -87,6 +87,7 @@ class Recording:
     Attributes:
         robot: The robot's name on the network.
         profile: The zone profile in force, as the messages say.
+        directed: Whether the zones' limits are those of any direction, which a retreat may exceed.
         joint_names: The n joints, in the order of every row.
         decisions, commands, joints, obstacles, health, stops: What was heard.
         refused: Messages that could not be read, by cause.
@@ -96,6 +97,7 @@ class Recording:
     robot: str
     joint_names: tuple[str, ...]
     profile: str = ""
+    directed: bool = False
     decisions: list[DecisionRow] = field(default_factory=list)
     commands: list[CommandRow] = field(default_factory=list)
     joints: list[JointRow] = field(default_factory=list)
@@ -205,6 +207,7 @@ class Recorder:
 
     def _take_zone(self, t: float, message: m.Zone) -> None:
         self.recording.profile = message.profile
+        self.recording.directed |= message.limiting is not None
         exact, estimated = message.sources.get("obstacles"), message.sources.get("ranges")
         row = DecisionRow(
             t=t,

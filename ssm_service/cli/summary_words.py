@@ -45,6 +45,9 @@ def _what(summary: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _obeyed(limits: dict[str, Any]) -> list[tuple[str, str]]:
     within = _percent(limits["commands_within_share"])
+    if limits["directed"]:
+        words = f"{within} of {limits['commands']} within the limits that are safe in any direction"
+        return [("commands", f"{words}; this profile does not slow what moves away")]
     rows = [("commands", f"{within} of {limits['commands']} within the speed limits sent with them")]
     falling, otherwise = limits["above_a_limit_that_had_just_fallen"], limits["above_a_limit_otherwise"]
     if limits["joint_states"] and not (falling["joint_states"] or otherwise["joint_states"]):

@@ -49,6 +49,22 @@ def test_it_reports_what_it_measured(marked: Marked, tmp_path: Path):
     assert summary["service"]["rate_hz"] == 200.0
 
 
+def test_it_shows_any_profile_and_keeps_no_latch_of_its_own(marked: Marked, tmp_path: Path):
+    state = tmp_path / "state"
+    options = ["--seconds", "2", "--out", "report", "--rate", "200", "--profile", "iso"]
+    marked.environment["XDG_STATE_HOME"] = str(state)
+    demo = marked.start("demo", *options, cwd=tmp_path)
+    out, err = demo.communicate(timeout=100)
+    assert demo.returncode == 0, err
+    assert "safe in any direction" in out
+    assert json.loads((tmp_path / "report" / "summary.json").read_text())["profile"] == "iso"
+    assert not state.exists()
+    refused = marked.start("demo", "--profile", "isso", "--out", "report", cwd=tmp_path)
+    out, err = refused.communicate(timeout=100)
+    assert refused.returncode == 2
+    assert "did you mean 'iso'" in err
+
+
 def test_ctrl_c_ends_it_early_with_a_report_and_nothing_stays_behind(marked: Marked, tmp_path: Path):
     demo = marked.start("demo", "--seconds", "60", "--json", cwd=tmp_path)
     wait_for_line(demo, "following")

@@ -112,6 +112,17 @@ def test_commands_are_compared_with_their_own_tick():
     assert limits["commands_within_share"] == 0.5
 
 
+def test_a_profile_that_does_not_slow_a_retreat_is_not_called_too_fast():
+    decisions = [decision(0.0, 1, limit=0.2)]
+    commands, joints = [CommandRow(0.0, 1, (0.5,))], [JointRow(1.0, (0.0,), (0.5,))]
+    rows = recording(decisions=decisions, commands=commands, joints=joints)
+    assert "TOO FAST" in " ".join(words(rows))
+    rows.directed = True
+    said = " ".join(words(rows))
+    assert "TOO FAST" not in said
+    assert "0.0 % of 1 within the limits that are safe in any direction" in said
+
+
 def test_the_watchdogs_own_stops_are_counted():
     stops = [StopRow(0.0, 0.25, ("stale:service",)), StopRow(1.0, 1.5, ("stale:service",))]
     assert summarise(recording(stops=stops))["watchdog_stops"] == {
