@@ -20,6 +20,7 @@ ALONE = (
     "client/test_client_queries.py",
     "client/test_client_stream.py",
     "docker/test_docker_layout.py",
+    "security",
     "service",
     "simulation/test_simulation_newcomer.py",
     "simulation/test_simulation_process.py",

@@ -12,6 +12,7 @@ import pytest
 import typer
 import yaml
 import zenoh
+from typer.testing import CliRunner
 
 from ssm_service.cli.app import app
 from ssm_service.simulation import list_scenarios
@@ -20,12 +21,19 @@ from ssm_service.wire.session import COMMON, zenoh_config
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "docker"
 COMPOSE = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))
+INSECURE = yaml.safe_load((DOCKER / "insecure.yaml").read_text(encoding="utf-8"))
 ZENOH_FILES = sorted((DOCKER / "zenoh").iterdir())
-COMMANDS = {name: service["command"] for name, service in COMPOSE["services"].items()} | {
-    f"health of {name}": service["healthcheck"]["test"][1:]
-    for name, service in COMPOSE["services"].items()
-    if "healthcheck" in service
+COMMANDS = {
+    f"{place}: {kind}{name}": words
+    for place, compose in (("compose", COMPOSE), ("insecure", INSECURE))
+    for name, service in compose["services"].items()
+    for kind, words in (
+        ("", service["command"]),
+        ("health of ", service.get("healthcheck", {"test": ["CMD"]})["test"][1:]),
+    )
+    if words
 }
+ROUTED = [f"{role}-{side}" for role in ("service", "simulation") for side in ("left", "right")]
 
 
 def instructions() -> list[list[str]]:
@@ -63,8 +71,16 @@ def test_every_path_of_a_command_exists_and_is_in_the_image(name):
 def test_the_command_line_takes_every_command(name):
     _, command, *arguments = COMMANDS[name]
     parser = typer.main.get_command(app).commands[command]
+    if command == "keys":
+        assert arguments.pop(0) == "init"
+        parser = parser.commands["init"]
     parsed = parser.make_context(command, list(arguments)).params
-    assert (ROOT / parsed["zenoh_config"]).is_file()
+    if command == "keys":
+        assert (parsed["folder"], parsed["force"]) == (Path("/keys"), False)
+        return
+    file = parsed["zenoh_config"]
+    assert file.is_relative_to("/keys") if name.startswith("compose") else (ROOT / file).is_file()
+    assert parsed.get("insecure", False) == (name.startswith("insecure") and command == "run")
     assert parsed["name"] in ("left", "right")
     if command == "sim":
         assert parsed["scenario"] in list_scenarios()
@@ -72,21 +88,48 @@ def test_the_command_line_takes_every_command(name):
         assert (ROOT / "robots" / f"{parsed['robot']}.toml").is_file()
 
 
-def test_every_robot_has_a_service_and_a_simulation_and_nobody_a_published_port():
-    assert set(COMPOSE["services"]) == {
-        "router",
-        *(f"{role}-{side}" for role in ("service", "simulation") for side in ("left", "right")),
-    }
-    for service in COMPOSE["services"].values():
+@pytest.mark.parametrize(("compose", "more"), [(COMPOSE, {"keys"}), (INSECURE, set())])
+def test_every_robot_has_a_service_and_a_simulation_and_nobody_a_published_port(compose, more):
+    assert set(compose["services"]) == {"router", *ROUTED, *more}
+    for service in compose["services"].values():
         assert "ports" not in service
         assert service["cap_drop"] == ["ALL"]
+        assert service["read_only"] is True
 
 
-def test_only_one_service_builds_the_image_that_all_run():
-    services = COMPOSE["services"]
+@pytest.mark.parametrize("compose", [COMPOSE, INSECURE])
+def test_only_one_service_builds_the_image_that_all_run(compose):
+    services = compose["services"]
     assert {service["image"] for service in services.values()} == {"ssm-service"}
     (build,) = [service["build"] for service in services.values() if "build" in service]
     assert (DOCKER / build["context"] / build["dockerfile"]).resolve() == DOCKER / "Dockerfile"
+
+
+@pytest.mark.parametrize("name", ["router", *ROUTED])
+def test_each_sees_its_own_keys_only_and_cannot_change_them(tmp_path, name):
+    keys = [one for one in COMPOSE["services"][name]["volumes"] if one["source"] == "keys"]
+    seen = {one["volume"]["subpath"] for one in keys}
+    assert seen == ({name, "viewer"} if name.startswith("service") else {name})
+    for one in keys:
+        assert one["target"] == f"/keys/{one['volume']['subpath']}"
+        assert one["read_only"] is True
+
+
+def test_the_keys_that_are_made_are_those_that_are_used(tmp_path):
+    command = [
+        word.replace("/keys", str(tmp_path / "keys")) for word in COMPOSE["services"]["keys"]["command"]
+    ]
+    done = CliRunner().invoke(app, [*command[1:], "--at", "/keys"])
+    assert done.exit_code == 0, done.output
+    made = {path.name for path in (tmp_path / "keys").iterdir()}
+    assert made >= {"router", "viewer", *ROUTED}
+    for name in ("router", "viewer", *ROUTED):
+        config = zenoh.Config.from_file(str(tmp_path / "keys" / name / "zenoh.json5"))
+        tls = json.loads(config.get_json("transport/link/tls"))
+        assert tls["root_ca_certificate"] == f"/keys/{name}/authority.crt"
+        dialled = json.loads(config.get_json("connect/endpoints"))
+        assert dialled == ([] if name == "router" else ["tls/router:7447"])
+    assert COMPOSE["services"]["keys"]["network_mode"] == "none"
 
 
 @pytest.mark.parametrize("path", ZENOH_FILES, ids=lambda path: path.stem)
@@ -123,7 +166,9 @@ def test_the_image_is_not_root_and_keeps_to_the_constraints():
     assert [rest for word, *rest in steps if word == "FROM"] == [["python:3.12-slim"]]
     assert [rest for word, *rest in steps if word == "USER"] == [["ssm"]]
     assert any(
-        rest[:5] == ["pip", "install", "-c", "constraints.txt", "."] for word, *rest in steps if word == "RUN"
+        rest[:5] == ["pip", "install", "-c", "constraints.txt", "'.[keys]'"]
+        for word, *rest in steps
+        if word == "RUN"
     )
     assert not any("apt-get" in rest for _, *rest in steps)
 
@@ -158,6 +203,7 @@ def test_the_package_builds_from_what_the_image_gets_alone(tmp_path):
     [
         ('{ mode: "client" }', "mode"),
         ("{ no_such_key: 1 }", "no_such_key"),
+        ('{ mode: "router", listen: { endpoints: ["tcp/0.0.0.0:7447"] } }', "--insecure"),
         (None, "zenoh.json5"),
     ],
 )

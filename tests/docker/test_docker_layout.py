@@ -34,7 +34,7 @@ def on_this_machine(command: list[str]) -> list[str]:
 
 
 class Layout:
-    """All processes of compose.yaml, in a folder with the same files and one picked port."""
+    """All processes of compose.yaml, in a folder of their own, with keys made by its command, on one port."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -42,25 +42,35 @@ class Layout:
         self.temporary = folder / "tmp"
         self.temporary.mkdir()
         shutil.copytree(ROOT / "docker", folder / "docker")
-        for path in (folder / "docker" / "zenoh").iterdir():
-            text = path.read_text(encoding="utf-8")
-            for host in ("router", "0.0.0.0"):
-                text = text.replace(f"tcp/{host}:7447", f"tcp/127.0.0.1:{self.port}")
-            path.write_text(text, encoding="utf-8")
-        self.client_file = folder / "docker" / "zenoh" / "client.json5"
+        self.client_file = folder / "keys" / "viewer" / "zenoh.json5"
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
+
+    def here(self, command: list[str]) -> list[str]:
+        """Return a command of the compose file with the folder of its keys and its host on this machine."""
+        words = [word.replace("/keys", str(self.folder / "keys")) for word in command]
+        return on_this_machine(["127.0.0.1" if word == "router" else word for word in words])
+
+    def make_keys(self) -> None:
+        """Run the command that makes the keys, for this machine and the picked port."""
+        command = [*self.here(COMPOSE["services"]["keys"]["command"]), "--port", str(self.port)]
+        subprocess.run(command, cwd=self.folder, check=True, capture_output=True, timeout=60)
 
     def start(self) -> None:
         """Start all at once, services before their router: none may need an order."""
-        for name in sorted(COMPOSE["services"], reverse=True):
+        self.make_keys()
+        for name in sorted(COMPOSE["services"].keys() - {"keys"}, reverse=True):
             self.start_one(name)
 
     def start_one(self, name: str) -> None:
         with open(self.folder / f"{name}.log", "ab") as log:
             self.processes[name] = subprocess.Popen(
-                on_this_machine(COMPOSE["services"][name]["command"]),
+                self.here(COMPOSE["services"][name]["command"]),
                 cwd=self.folder,
-                env={**os.environ, "TMPDIR": str(self.temporary)},
+                env={
+                    **os.environ,
+                    "TMPDIR": str(self.temporary),
+                    "XDG_STATE_HOME": str(self.folder / "state"),
+                },
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -149,9 +159,7 @@ def test_the_evaluating_process_answers_through_the_router(layout, robot):
 def test_the_health_check_succeeds(layout, robot):
     check, *command = COMPOSE["services"][f"service-{robot}"]["healthcheck"]["test"]
     assert check == "CMD"
-    done = subprocess.run(
-        on_this_machine(command), cwd=layout.folder, capture_output=True, text=True, timeout=60
-    )
+    done = subprocess.run(layout.here(command), cwd=layout.folder, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr + layout.logs()
 
 
@@ -163,6 +171,7 @@ def test_each_robot_hears_its_own_simulation_only(layout):
             assert health.robot == robot
             assert health.accepted["joints"] > 0
             assert health.rejected == {}
+            assert not [text for text in health.warnings if "insecure" in text or "access_control" in text]
             producers[robot] = health.producer
     assert producers["left"] != producers["right"]
 
