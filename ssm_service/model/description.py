@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -12,6 +12,7 @@ import coal
 import pinocchio as pin
 
 from ..config import RobotConfig
+from ..config.describe import Phrase
 from ..errors import ConfigError, listed, suggestion
 
 PACKAGE: Final = "example-robot-data"
@@ -86,6 +87,30 @@ def require(config: RobotConfig, key: str, name: str, valid: Iterable[str], what
     names = list(valid)
     if name not in names:
         raise ConfigError(config.path, key, name, f"{suggestion(name, names)}{what}: {listed(names)}")
+
+
+def check_stopping(config: RobotConfig, free: Sequence[str], limits: Sequence[float]) -> None:
+    """Refuse a ``separation`` without stopping data of every free joint, up to its greatest speed.
+
+    Args:
+        config: The robot file.
+        free: The joints that commands move.
+        limits: Their greatest speeds [rad/s or m/s].
+
+    Raises:
+        ConfigError: There are none of a joint, or they end below its limit.
+    """
+    users = [name for name, profile in config.file.profiles.items() if profile.separation is not None]
+    if not users:
+        return
+    for joint, limit in zip(free, limits, strict=True):
+        key, data = f"stopping.{joint}", config.file.stopping.get(joint)
+        if data is None:
+            allowed = f"stopping data of every joint that moves: profiles.{users[0]}.separation needs them"
+            raise ConfigError(config.path, key, Phrase("nothing"), allowed)
+        if data.speed_rad_s < limit:
+            allowed = f"at least {limit:g} rad/s or m/s, the joint's limit (or a lower limits.velocity_rad_s)"
+            raise ConfigError(config.path, f"{key}.speed_rad_s", data.speed_rad_s, allowed)
 
 
 def _paths(config: RobotConfig) -> tuple[Path, list[Path]]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, listed
 from .exact import ExactTier, Measured
 from .hulls import Part, build_parts
+from .pairs import Pairs
 from .robot import Robot
 from .scene import Scene
 from .shapes import Obstacle
@@ -70,6 +71,7 @@ class DistanceModel:
         self._witness = Witness(self._scene)
         self._ids: tuple[str, ...] = ()
         self._bounds: NDArray[np.float64] = np.empty((0, 0))
+        self._hulls: NDArray[np.float64] = np.empty((0, 0))
         self._beside: dict[str, NDArray[np.bool_]] = {}
 
     @property
@@ -168,16 +170,71 @@ class DistanceModel:
         q = self._robot.pinocchio_configuration(position)
         hulls = self._scene.compute(q) if self._ids else []
         pairs = []
-        for parts in self._parts_of_link:
+        count = self._scene.piece_count
+        for link in range(len(self._parts_of_link)):
             for obstacle in range(len(self._ids)):
-                start = obstacle * self._scene.piece_count
-                measured = [
-                    self._exact.measure(part, obstacle, hulls[start + part.first : start + part.last])
-                    for part in parts
-                ]
-                nearest = min([m for m in measured if m is not None], key=lambda m: m.distance)
+                start = obstacle * count
+                nearest = self._exact_pair(link, obstacle, hulls[start : start + count])
                 pairs.append(self._closest_pair(nearest))
         return pairs
+
+    def pairs(self, position: ArrayLike) -> Pairs:
+        """Return every monitored link with every obstacle by the hull pieces, in one call of Pinocchio.
+
+        Args:
+            position: (n,) [rad or m].
+
+        Raises:
+            InputError: ``wrong_length`` or ``not_finite``.
+        """
+        q = self._robot.pinocchio_configuration(position)
+        obstacles, count = len(self._ids), self._scene.piece_count
+        pieces = np.array(self._scene.compute(q) if obstacles else []).reshape(obstacles, count)
+        self._hulls = pieces
+        nearest = np.array(
+            [
+                parts[0].first + pieces[:, parts[0].first : parts[-1].last].argmin(axis=1)
+                for parts in self._parts_of_link
+            ],
+            dtype=np.intp,
+        )  # (links, obstacles)
+        link, obstacle = (index.ravel() for index in np.indices(nearest.shape))
+        piece = nearest.ravel()
+        on_link, on_obstacle, normal = self._witness.of_hulls(piece.tolist(), obstacle.tolist())
+        return Pairs(
+            links=self._robot.monitored_links,
+            obstacles=self._ids,
+            link=link,
+            obstacle=obstacle,
+            distance=pieces[obstacle, piece] - _SLACK_M,
+            exact=np.zeros(len(piece), dtype=np.bool_),
+            point_on_link=on_link,
+            point_on_obstacle=on_obstacle,
+            normal=normal,
+        )
+
+    def refine(self, pairs: Pairs, rows: Sequence[int]) -> None:
+        """Measure some pairs to the links' triangles.
+
+        Args:
+            pairs: What ``pairs`` returned last; they are rewritten in place.
+            rows: Which of them.
+        """
+        for row in rows:
+            link, obstacle = int(pairs.link[row]), int(pairs.obstacle[row])
+            measured = self._exact_pair(link, obstacle, self._hulls[obstacle].tolist())
+            link_point, obstacle_point, normal = self._witness.of(measured)
+            pairs.distance[row], pairs.exact[row] = measured.distance, True
+            pairs.point_on_link[row], pairs.point_on_obstacle[row] = link_point, obstacle_point
+            pairs.normal[row] = normal
+
+    def _exact_pair(self, link: int, obstacle: int, hulls: list[float]) -> Measured:
+        """Measure a link against an obstacle, given the distances of all hull pieces to it [m]."""
+        measured = [
+            self._exact.measure(part, obstacle, hulls[part.first : part.last])
+            for part in self._parts_of_link[link]
+        ]
+        return min([m for m in measured if m is not None], key=lambda m: m.distance)
 
     def _pieces_beside(self, link: str) -> NDArray[np.bool_]:
         """Return which pieces are not those of ``link``, (n_pieces,)."""

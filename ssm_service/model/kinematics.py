@@ -20,6 +20,8 @@ class Kinematics:
         jacobian_full: (6, n) of the end effector's frame: its linear rows [m/rad] over its angular rows,
             in the axes of the base frame, one column per joint of the messages.
         jacobian: (3, k) linear rows of the free joints, the reduced Jacobian.
+        spatial_jacobian: (6, n) of the point of the moving body that is now in the base frame's origin:
+            a column for each joint as if it moved the body in question.
     """
 
     __slots__ = (
@@ -29,6 +31,7 @@ class Kinematics:
         "_rings",
         "jacobian",
         "jacobian_full",
+        "spatial_jacobian",
         "transform_end_effector_to_base",
     )
 
@@ -38,12 +41,14 @@ class Kinematics:
         transform_end_effector_to_base: NDArray[np.float64],
         jacobian_full: NDArray[np.float64],
         jacobian: NDArray[np.float64],
+        spatial_jacobian: NDArray[np.float64],
         rings: Sequence[Ring],
         transforms_parent_to_base: Sequence[NDArray[np.float64]],
     ) -> None:
         self.transform_end_effector_to_base = transform_end_effector_to_base
         self.jacobian_full = jacobian_full
         self.jacobian = jacobian
+        self.spatial_jacobian = spatial_jacobian
         self._rings = rings
         self._T_base_parents = transforms_parent_to_base
         self._T_base_rings: NDArray[np.float64] | None = None

@@ -38,7 +38,7 @@ def person(
     reach_to: ArrayLike | None = None,
     reach_along: ArrayLike | None = None,
     arm: Literal["left", "right"] = "right",
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    velocity: tuple[float, float, float] | None = None,
     name: str = "person",
 ) -> tuple[Obstacle, ...]:
     """Return a standing person: legs, torso, head, upper arms, and forearms with the hands, eight capsules.
@@ -54,7 +54,7 @@ def person(
         reach_to: (3,) [m], base frame.
         reach_along: (3,) in the base frame, of any length but 0.
         arm: The arm that reaches.
-        velocity: (3,) of the whole person [m/s], base frame.
+        velocity: (3,) of the whole person [m/s], base frame; ``None`` where it is not known.
         name: Begins the obstacles' ids, ``person/head``.
 
     Raises:
@@ -145,7 +145,7 @@ def _capsule(
     end: NDArray[np.float64],
     radius: float,
     *,
-    velocity: tuple[float, float, float],
+    velocity: tuple[float, float, float] | None,
 ) -> Obstacle:
     length = float(np.linalg.norm(end - start))
     x, y, z = ((end - start) / length).tolist()

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..config import RobotConfig, load_robot_config
 from ..errors import ConfigError, InputError, listed
-from .description import joint_names, link_names, read_description, require
+from .description import check_stopping, joint_names, link_names, read_description, require
 from .kinematics import Kinematics
 from .rings import Ring, SensorArray
 
@@ -137,6 +137,7 @@ class Robot:
             transform_end_effector_to_base=T_base_end,
             jacobian_full=full,
             jacobian=full[:3, self.free],
+            spatial_jacobian=np.array(data.J),
             rings=self.rings,
             transforms_parent_to_base=T_base_parents,
         )
@@ -258,6 +259,9 @@ class Robot:
         file = self.config.file
         for name in file.stopping:
             require(self.config, f"stopping.{name}", name, self.joint_names, "a joint of the robot")
+        check_stopping(
+            self.config, [self.joint_names[i] for i in self.free], self.velocity_limit[self.free].tolist()
+        )
         links = None if file.assumptions is None else file.assumptions.links
         carriers = [array.link for array in self.sensor_arrays]
         for i, name in enumerate(links or ()):

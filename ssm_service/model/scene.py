@@ -155,6 +155,10 @@ class Scene:
         self.measure(obstacle, piece)
         return np.array(self._result.normal)
 
+    def centre_of(self, piece: int) -> NDArray[np.float64]:
+        """Return the middle of the ball round a hull piece, (3,), base frame, as of the last computation."""
+        return np.array(self._ball_centres[piece])
+
     def placement_of(self, part: Part) -> Any:
         """Return the pose of a part's geometry in the base frame, as of the last computation."""
         return self._geometry_data.oMg[part.first]

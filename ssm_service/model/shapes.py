@@ -38,7 +38,7 @@ class Obstacle:
             Capsules and cylinders lie along their own z axis, centred.
         position: (3,) centre in the base frame [m].
         quaternion_xyzw: (4,) orientation in the base frame; normalised here.
-        velocity: (3,) velocity of the centre, expressed in the base frame [m/s].
+        velocity: (3,) velocity of the centre, expressed in the base frame [m/s]; ``None`` where nobody knows.
 
     Raises:
         InputError: ``unknown_shape``, ``wrong_length``, ``wrong_type``, ``not_finite``, ``out_of_range``
@@ -50,7 +50,7 @@ class Obstacle:
     size: tuple[float, ...]
     position: tuple[float, float, float]
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    velocity: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         names = SIZE_NAMES.get(self.shape) if isinstance(self.shape, str) else None
@@ -66,8 +66,8 @@ class Obstacle:
             raise InputError(
                 "out_of_range", "position", position, f"at most {MAX_POSITION_M:g} m from the base"
             )
-        velocity = _finite(self.velocity, 3, "velocity")
-        if math.hypot(*velocity) > MAX_VELOCITY_M_S:
+        velocity = None if self.velocity is None else _finite(self.velocity, 3, "velocity")
+        if velocity is not None and math.hypot(*velocity) > MAX_VELOCITY_M_S:
             raise InputError("out_of_range", "velocity", velocity, f"at most {MAX_VELOCITY_M_S:g} m/s")
         quaternion = _finite(self.quaternion_xyzw, 4, "quaternion_xyzw")
         norm = math.hypot(*quaternion)

@@ -39,6 +39,23 @@ class Witness:
         normal = delta / length if far else self._hull_normal(measured, slot)
         return mesh_point, core_point + slot.radius * normal, normal
 
+    def of_hulls(self, pieces: list[int], obstacles: list[int]) -> tuple[Vector, Vector, Vector]:
+        """Return the same for k pairs of hull pieces and obstacles, (k, 3) each, of the last computation."""
+        scene = self._scene
+        results = [scene.results[j * scene.piece_count + i] for i, j in zip(pieces, obstacles, strict=True)]
+        on_link = np.array([result.getNearestPoint1() for result in results]).reshape(-1, 3)
+        on_obstacle = np.array([result.getNearestPoint2() for result in results]).reshape(-1, 3)
+        normal = -np.array([result.normal for result in results]).reshape(-1, 3)
+        finite = np.isfinite(on_link).all(axis=1) & np.isfinite(on_obstacle).all(axis=1)
+        lengths = np.sqrt((normal * normal).sum(axis=1))
+        for row in (~(finite & (np.abs(lengths - 1.0) < _UNIT))).nonzero()[0].tolist():
+            centre, position = scene.centre_of(pieces[row]), scene.slot(obstacles[row]).placement.translation
+            if not finite[row]:
+                on_link[row], on_obstacle[row] = centre, position
+            if not abs(lengths[row] - 1.0) < _UNIT:
+                normal[row] = _direction(centre - position)
+        return on_link, on_obstacle, normal
+
     def _hull_normal(self, measured: Measured, slot: Slot) -> Vector:
         """Return Coal's normal, turned to point from obstacle to link, or the nearest thing to it."""
         normal = measured.normal
@@ -47,9 +64,7 @@ class Witness:
         normal = -normal  # Coal's points from the first shape, the hull, to the second
         if _finite(normal) and abs(math.sqrt(normal @ normal) - 1.0) < _UNIT:
             return normal
-        delta = self._link_centre(measured) - slot.placement.translation
-        length = math.sqrt(delta @ delta)
-        return delta / length if length > _UNIT else np.array([0.0, 0.0, 1.0])
+        return _direction(self._link_centre(measured) - slot.placement.translation)
 
     def _link_centre(self, measured: Measured) -> Vector:
         """Return the middle of the nearest hull piece's box, (3,) in the base frame."""
@@ -57,6 +72,12 @@ class Witness:
         shape = part.pieces[measured.piece - part.first]
         centre: Vector = self._scene.placement_of(part).act(np.array(shape.aabb_center))
         return centre
+
+
+def _direction(delta: Vector) -> Vector:
+    """Return ``delta`` with unit length, or up where it has none."""
+    length = math.sqrt(delta @ delta)
+    return delta / length if length > _UNIT else np.array([0.0, 0.0, 1.0])
 
 
 def _finite(vector: Vector) -> bool:

@@ -16,6 +16,8 @@ from .inputs import (
 )
 from .monitor import SOURCES, Monitor, default_valid_for, zone_profile
 from .ranges import PreparedScan, RangeReader
+from .reaction import configured_reaction, standstill_distance, stopping_levels
+from .separated import Separated
 from .weakness import Weakness, weaknesses
 
 __all__ = [
@@ -36,13 +38,17 @@ __all__ = [
     "PreparedScan",
     "RangeReader",
     "Received",
+    "Separated",
     "SourceReport",
     "Target",
     "Weakness",
     "checked_target",
+    "configured_reaction",
     "default_valid_for",
     "joint_sample",
     "range_scan",
+    "standstill_distance",
+    "stopping_levels",
     "weaknesses",
     "zone_profile",
 ]

@@ -22,6 +22,7 @@ class Assessment(Struct, frozen=True, kw_only=True, eq=False):
 
     Attributes:
         zone: See ``Decision.momentary_zone``.
+        beside: What the zone would be if there were no separation.
         nearest: The nearest thing over all sources.
         sources: Every source's report.
         comparison: See ``Decision.comparison``.
@@ -29,6 +30,7 @@ class Assessment(Struct, frozen=True, kw_only=True, eq=False):
     """
 
     zone: Zone
+    beside: Zone
     nearest: Nearest | None
     sources: dict[str, SourceReport]
     comparison: Comparison | None
@@ -54,6 +56,7 @@ def assess(
     config: SourcesConfig,
     statuses: Sequence[SourceStatus],
     seen: Seen,
+    separation: Zone = Zone.GREEN,
 ) -> Assessment:
     """Combine source states and distances into one zone; every unknown makes it more severe.
 
@@ -62,6 +65,7 @@ def assess(
         config: The sources' configuration.
         statuses: One for each source.
         seen: What the fresh sources of perception say.
+        separation: The zone of the profile's separation.
     """
     reasons: list[str] = []
     zone = Zone.GREEN
@@ -86,12 +90,19 @@ def assess(
         elif by_distance is not Zone.GREEN:
             reasons.append("distance")
         zone = max(zone, by_distance)
+    if separation is not Zone.GREEN:
+        reasons.append("separation")
     for word, worth in _doubts(profile, seen):
         if word not in reasons:
             reasons.append(word)
         zone = max(zone, worth)
     return Assessment(
-        zone=zone, nearest=nearest, sources=reports, comparison=seen.comparison, reasons=reasons
+        zone=max(zone, separation),
+        beside=zone,
+        nearest=nearest,
+        sources=reports,
+        comparison=seen.comparison,
+        reasons=reasons,
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,8 @@ from ..motion import ObstaclePoint, limit_velocity, position_to_joints, twist_to
 from ..safety import Zone, ZoneProfile
 from .decision import Nearest
 from .inputs import Target
+from .separated import Limit
+from .separation import SeparationStep
 
 
 def wanted_velocity(
@@ -59,10 +63,13 @@ def wanted_velocity(
 
 
 def zone_speed_limit(robot: Robot, profile: ZoneProfile, zone: Zone) -> NDArray[np.float64]:
-    """Return each joint's speed limit in a zone, (n,), [rad/s]: never above the joint's own."""
+    """Return each joint's speed limit in a zone, (n,), [rad/s]: never above the joint's own.
+
+    A zone without a joint speed, which the profile's separation or a doubt gives, limits all by their share.
+    """
     speed = profile.joint_speed(zone)
     if speed is None:
-        return robot.velocity_limit.copy()
+        return robot.velocity_limit * profile.speed_scaling(zone)
     return np.minimum(robot.velocity_limit, speed)
 
 
@@ -97,3 +104,20 @@ def limited_velocity(
         acceleration=limits.acceleration_rad_s2,
         dt=period_s,
     )
+
+
+def separated_velocity(
+    step: SeparationStep | None, limits: Sequence[Limit], wanted: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the greatest scaling of the wanted velocity that keeps every pair's separation, (n,) [rad/s].
+
+    Args:
+        step: Knows the joints; ``None`` where the profile has no separation.
+        limits: What limits it.
+        wanted: (n,), [rad/s].
+    """
+    if step is None or not limits:
+        return wanted
+    share = step.share_of(wanted)
+    scaling = min(limit.scaling(wanted, share) for limit in limits)
+    return wanted if scaling == 1.0 else wanted * scaling

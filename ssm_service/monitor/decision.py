@@ -7,6 +7,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from ..safety import SourceStatus, Zone
+from .separated import Separated
 
 
 class Nearest(Struct, frozen=True, kw_only=True, eq=False):
@@ -77,11 +78,13 @@ class Decision(Struct, frozen=True, kw_only=True, eq=False):
         nearest: The nearest thing; ``None`` where nothing was seen.
         sources: Every source's report, by name.
         comparison: The rings beside the tracked obstacles; ``None`` unless both are fresh.
-        speed_limit: (n,), [rad/s], by joint.
+        speed_limit: (n,), [rad/s], by joint: safe in any direction.
         speed_scaling: 0 to 1.
         velocity: (n,), [rad/s], the command.
         reasons: Fixed words; empty in an undisturbed green with a target.
         position: (n,), the joint position that all this was computed for, or ``None``.
+        separation: Every pair's protective separation; ``None`` where the profile has none, or nobody knows
+            where the robot is.
     """
 
     tick: int
@@ -96,3 +99,4 @@ class Decision(Struct, frozen=True, kw_only=True, eq=False):
     velocity: NDArray[np.float64]
     reasons: tuple[str, ...]
     position: NDArray[np.float64] | None
+    separation: Separated | None = None

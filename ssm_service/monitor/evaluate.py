@@ -7,15 +7,21 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from ..config import SourcesConfig
-from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Robot
+from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Pairs, Robot
 from ..motion import sensor_steps
 from ..perception import RingEstimates
-from ..safety import SourceState, SourceStatus, Zone, ZoneProfile
+from ..safety import SeparationTerms, SourceState, SourceStatus, Zone, ZoneProfile
 from .assess import Assessment, Seen, assess, compare, nearest_by_obstacles
-from .command import limited_velocity, wanted_velocity, zone_speed_limit
+from .command import limited_velocity, separated_velocity, wanted_velocity, zone_speed_limit
 from .estimates import Estimators
 from .inputs import JointSample, Target
-from .ranges import RangeReader
+from .ranges import RangeReader, RangeReading
+from .reaction import configured_reaction
+from .separated import Separated
+from .separation import SeparationStep, Sight
+
+EVALUATION_PERIOD_S = 0.002
+"""The tick [s] that an evaluated command is meant for, where nobody says."""
 
 
 class EvaluationInput(Struct, frozen=True, kw_only=True, eq=False):
@@ -43,10 +49,15 @@ class EvaluatedPair(Struct, frozen=True, kw_only=True, eq=False):
         pair: Exact distance, points and normal.
         closing_speed: [m/s] of the link's nearest point towards the obstacle, negative in retreat; ``None``
             where the joint velocities are not known.
+        max_closing_speed: [m/s] at which S_p is the distance; ``None`` where the profile has no separation.
+        separation: The terms of S_p at the closing speed, or at standstill where that is not known; ``None``
+            where the profile has no separation.
     """
 
     pair: ClosestPair
     closing_speed: float | None
+    max_closing_speed: float | None = None
+    separation: SeparationTerms | None = None
 
 
 class Evaluation(Struct, frozen=True, kw_only=True, eq=False):
@@ -63,6 +74,8 @@ class Evaluation(Struct, frozen=True, kw_only=True, eq=False):
         kinematics: Frames and Jacobians.
         velocity: (n,), [rad/s], the command at steady state, that is without the acceleration limit; ``None``
             without a target.
+        separation: What the profile's separation makes of the snapshot, as a tick would, with the configured
+            reaction time, as nothing has an age here; ``None`` without one.
     """
 
     zone: Zone
@@ -74,6 +87,7 @@ class Evaluation(Struct, frozen=True, kw_only=True, eq=False):
     estimates: RingEstimates | None
     kinematics: Kinematics
     velocity: NDArray[np.float64] | None
+    separation: Separated | None = None
 
 
 class Evaluator:
@@ -82,12 +96,18 @@ class Evaluator:
     Args:
         robot: The robot.
         profile: The zone profile.
+        period_s: The tick that a command is meant for [s]: a part of the reaction time, and a bound of the
+            last step before a joint limit.
     """
 
-    def __init__(self, robot: Robot, profile: ZoneProfile) -> None:
+    def __init__(self, robot: Robot, profile: ZoneProfile, period_s: float = EVALUATION_PERIOD_S) -> None:
         self._robot = robot
         self._profile = profile
+        self._period_s = period_s
         self._distance = DistanceModel(robot)
+        self._separation = None
+        if profile.config.separation is not None:
+            self._separation = SeparationStep(robot, profile, profile.config.separation)
         self._reader: RangeReader | None = None
         self._estimators: Estimators | None = None
         self._steps = sensor_steps([ring.count for ring in robot.rings])
@@ -104,32 +124,38 @@ class Evaluator:
         """Answer one question."""
         robot, profile = self._robot, self._profile
         kinematics = robot.kinematics(question.joints.position)
-        pairs = self._pairs(question)
+        pairs = self._pairs(question, kinematics)
+        seen = self._seen(question, [entry.pair for entry in pairs], kinematics)
+        separated = self._separate(question, kinematics, seen.reading)
         now = assess(
             profile,
             robot.config.file.sources,
             self._statuses(question, robot.config.file.sources),
-            self._seen(question, [entry.pair for entry in pairs], kinematics),
+            seen,
+            Zone.GREEN if separated is None else separated.zone,
         )
-        limit = zone_speed_limit(robot, profile, now.zone)
+        share = 1.0 if separated is None else separated.scaling
+        share = 0.0 if now.zone is Zone.STOP else share
+        limit = zone_speed_limit(robot, profile, now.beside)
         return Evaluation(
             zone=now.zone,
             distance=None if now.nearest is None else now.nearest.distance,
-            speed_limit=limit,
-            speed_scaling=profile.speed_scaling(now.zone),
+            speed_limit=np.minimum(limit, share * robot.velocity_limit),
+            speed_scaling=min(profile.speed_scaling(now.beside), share),
             reasons=tuple(now.reasons),
             pairs=pairs,
             estimates=None
             if question.ranges is None or not robot.rings
             else self._ring_parts()[1].of(question.ranges, kinematics),
             kinematics=kinematics,
-            velocity=self._velocity(question, kinematics, now, limit),
+            velocity=self._velocity(question, kinematics, now, limit, separated),
+            separation=separated,
         )
 
     def _ring_parts(self) -> tuple[RangeReader, Estimators]:
         """Return what reads the rings; its tables take some seconds, so they are made when first needed."""
         if self._reader is None or self._estimators is None:
-            self._reader = RangeReader(self._robot, self._profile)
+            self._reader = RangeReader(self._robot, self._profile, self._period_s)
             self._estimators = Estimators(self._robot)
         return self._reader, self._estimators
 
@@ -176,20 +202,66 @@ class Evaluator:
             statuses += [status_of(name, SourceState.ABSENT) for name in required]
         return statuses
 
-    def _pairs(self, question: EvaluationInput) -> tuple[EvaluatedPair, ...]:
+    def _separate(
+        self, question: EvaluationInput, kinematics: Kinematics, reading: RangeReading | None
+    ) -> Separated | None:
+        """Return what a tick would make of the same, which measures pairs by the hulls where that will do."""
+        if self._separation is None:
+            return None
+        pairs = None
+        if question.obstacles is not None:
+            pairs = self._distance.pairs(question.joints.position)
+        return self._separation.step(self._sight(question, kinematics, pairs, reading), self._distance)
+
+    def _sight(
+        self,
+        question: EvaluationInput,
+        kinematics: Kinematics,
+        pairs: Pairs | None,
+        reading: RangeReading | None = None,
+    ) -> Sight:
+        times = [("ranges", question.ranges), ("obstacles", question.obstacles)]
+        return Sight(
+            kinematics=kinematics,
+            velocity=question.joints.velocity,
+            pairs=pairs,
+            obstacles=question.obstacles or (),
+            reading=reading,
+            reactions={
+                name: configured_reaction(self._robot, name, self._period_s)
+                for name, given in times
+                if given is not None
+            },
+        )
+
+    def _pairs(self, question: EvaluationInput, kinematics: Kinematics) -> tuple[EvaluatedPair, ...]:
         if question.obstacles is None:
             return ()
         self._distance.set_obstacles(question.obstacles)
         joints = question.joints
+        closest = self._distance.all_pairs(joints.position)
+        separated = None
+        if self._separation is not None:
+            every = Pairs.of(closest, self._robot.monitored_links, self._distance.obstacle_ids)
+            separated = self._separation.of_pairs(self._sight(question, kinematics, every))
         result = []
-        for pair in self._distance.all_pairs(joints.position):
+        for index, pair in enumerate(closest):
             speed = None
             if question.velocity_known:
                 velocity = self._robot.point_velocity(
                     joints.position, joints.velocity, pair.link, pair.point_on_link
                 )
                 speed = -float(pair.normal @ velocity)
-            result.append(EvaluatedPair(pair=pair, closing_speed=speed))
+            result.append(
+                EvaluatedPair(
+                    pair=pair,
+                    closing_speed=speed,
+                    max_closing_speed=None
+                    if separated is None
+                    else float(separated.max_closing_speed[index]),
+                    separation=None if separated is None else separated.terms(index),
+                )
+            )
         return tuple(result)
 
     def _velocity(
@@ -198,6 +270,7 @@ class Evaluator:
         kinematics: Kinematics,
         now: Assessment,
         limit: NDArray[np.float64],
+        separated: Separated | None,
     ) -> NDArray[np.float64] | None:
         if question.target is None:
             return None
@@ -207,15 +280,13 @@ class Evaluator:
         wanted = wanted_velocity(
             robot, kinematics, question.target, now.nearest, question.ranges, self._steps
         )
+        limits = [] if separated is None else [separated.limit]
+        wanted = separated_velocity(self._separation, limits, wanted)
         return limited_velocity(
             robot,
             wanted,
             previous=wanted,  # as if it had been reached: the acceleration limit does not bind
             position=question.joints.position,
             speed_limit=limit,
-            period_s=EVALUATION_PERIOD_S,
+            period_s=self._period_s,
         )
-
-
-EVALUATION_PERIOD_S = 0.002
-"""The tick [s] that an evaluated command is meant for; it only bounds the last step before a joint limit."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,13 +11,16 @@ from ..config import ProfileConfig
 from ..errors import ConfigError, listed, suggestion
 from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Robot
 from ..motion import sensor_steps
-from ..safety import SourceState, SourceStatus, Zone, ZoneMachine, ZoneProfile, classify
+from ..safety import Least, LeastHeld, SourceState, SourceStatus, Zone, ZoneMachine, ZoneProfile, classify
 from .assess import Assessment, Seen, assess, compare, nearest_by_obstacles
-from .command import limited_velocity, wanted_velocity, zone_speed_limit
+from .command import limited_velocity, separated_velocity, wanted_velocity, zone_speed_limit
 from .decision import Comparison, Decision
 from .evaluate import Evaluation, EvaluationInput, Evaluator
 from .inputs import Inputs
 from .ranges import RangeReader, RangeReading
+from .reaction import reaction_times
+from .separated import Limit, Separated
+from .separation import SeparationStep, Sight
 
 SOURCES = ("joints", "ranges", "obstacles", "target")
 
@@ -52,12 +57,25 @@ def default_valid_for(period_s: float) -> float:
     return max(0.020, 3.0 * period_s)
 
 
+class _Allowed(NamedTuple):
+    """What a command may be: nothing in ``stop``, else within the joints' limits and those of the pairs."""
+
+    zone: Zone
+    speed_limit: NDArray[np.float64]
+    limits: list[Limit]
+
+
 class Monitor:
     """Inputs and their ages in, one decision out: no clock, no network, no file.
 
     The same sequence of inputs gives the same sequence of decisions, bit for bit. Between ticks it keeps
-    only the zone in force (for slow recovery), the last command (for the acceleration limit) and what it
-    made of the newest scan and the newest obstacles.
+    only the zones and the least admissible speed of the last ticks (for slow recovery), the last command
+    (for the acceleration limit) and what it made of the newest scan and the newest obstacles.
+
+    Where the profile has a separation, ``speed_limit`` is what is safe in any direction, by the pair that
+    leaves the least share of the joint speeds within the last ``recovery_ticks``. The command knows its
+    direction: it is the greatest scaling of the wanted velocity at which no pair of this tick closes faster
+    than it may, nor the one that gave the least share; so motion away from everything is not slowed.
 
     Attributes:
         robot: The robot.
@@ -79,9 +97,15 @@ class Monitor:
         _check_period(robot, period_s)
         self.period_s = period_s
         self.valid_for_s = default_valid_for(period_s)
-        self._machine = ZoneMachine(self.profile.config.recovery_ticks)
+        config = self.profile.config
+        self._machine = ZoneMachine(config.recovery_ticks)
+        self._beside = ZoneMachine(config.recovery_ticks)
+        self._least: LeastHeld[Limit] = LeastHeld(config.recovery_ticks)
         self._distance = DistanceModel(robot)
-        self.range_reader = RangeReader(robot, self.profile)
+        self.range_reader = RangeReader(robot, self.profile, period_s)
+        self._separation = None
+        if config.separation is not None:
+            self._separation = SeparationStep(robot, self.profile, config.separation)
         self._obstacles: tuple[Obstacle, ...] = ()
         self._compared: tuple[object, object] = (None, None)
         self._comparison: Comparison | None = None
@@ -103,14 +127,21 @@ class Monitor:
         self._tick += 1
         statuses = {name: self._status(name, inputs) for name in SOURCES}
         kinematics, seen = self._perceive(inputs, statuses)
+        separated = self._separate(inputs, statuses, kinematics, seen)
         sources = self.robot.config.file.sources
-        now = assess(self.profile, sources, tuple(statuses.values()), seen)
-        momentary = self._beside_perception(now, inputs)
-        zone = self._machine.step(momentary)
+        by_separation = Zone.GREEN if separated is None else separated.zone
+        now = assess(self.profile, sources, tuple(statuses.values()), seen, by_separation)
+        doubt = self._beside_perception(now, inputs)
+        momentary = max(now.zone, doubt)
+        zone, beside = self._machine.step(momentary), self._beside.step(max(now.beside, doubt))
         if zone > momentary:
             now.reasons.append("recovering")
-        limit = zone_speed_limit(self.robot, self.profile, zone)
-        velocity = self._command(inputs, statuses["target"], kinematics, now, limit, zone)
+        least = self._hold(kinematics, separated)
+        share = 0.0 if zone is Zone.STOP else least.share
+        limit = zone_speed_limit(self.robot, self.profile, beside)
+        limits = [separated.limit] if separated is not None else []
+        limits += [least.cause] if least.cause is not None else []
+        velocity = self._command(inputs, statuses["target"], kinematics, now, _Allowed(zone, limit, limits))
         return Decision(
             tick=self._tick,
             zone=zone,
@@ -119,13 +150,14 @@ class Monitor:
             nearest=now.nearest,
             sources=now.sources,
             comparison=now.comparison,
-            speed_limit=limit,
-            speed_scaling=self.profile.speed_scaling(zone),
+            speed_limit=np.minimum(limit, share * self.robot.velocity_limit),
+            speed_scaling=min(self.profile.speed_scaling(beside), share),
             velocity=velocity,
             reasons=tuple(now.reasons),
             position=None
             if kinematics is None or inputs.joints.value is None
             else inputs.joints.value.position,
+            separation=separated,
         )
 
     def evaluate(self, question: EvaluationInput) -> Evaluation:
@@ -135,7 +167,7 @@ class Monitor:
             InputError: The question has values that no service would accept.
         """
         if self._evaluator is None:
-            self._evaluator = Evaluator(self.robot, self.profile)
+            self._evaluator = Evaluator(self.robot, self.profile, self.period_s)
         return self._evaluator.evaluate(question)
 
     def _status(self, name: str, inputs: Inputs) -> SourceStatus:
@@ -167,6 +199,43 @@ class Monitor:
             things=[thing for thing in things if thing is not None], reading=reading, comparison=comparison
         )
 
+    def _separate(
+        self,
+        inputs: Inputs,
+        statuses: dict[str, SourceStatus],
+        kinematics: Kinematics | None,
+        seen: Seen,
+    ) -> Separated | None:
+        """Return every pair's separation, of what is fresh; ``None`` without one, or without fresh joints."""
+        if self._separation is None or kinematics is None or inputs.joints.value is None:
+            return None
+        fresh = {name for name, status in statuses.items() if status.state is SourceState.FRESH}
+        joints, pairs = inputs.joints.value, None
+        if "obstacles" in fresh:
+            pairs = self._distance.pairs(joints.position)
+        sight = Sight(
+            kinematics=kinematics,
+            velocity=joints.velocity,
+            pairs=pairs,
+            obstacles=self._obstacles,
+            reading=seen.reading,
+            reactions=reaction_times(self.robot, inputs, fresh, self.period_s),
+        )
+        return self._separation.step(sight, self._distance)
+
+    def _hold(self, kinematics: Kinematics | None, separated: Separated | None) -> Least[Limit]:
+        """Return the least share of the ticks that a milder zone takes, and what limited it.
+
+        Without a separation it is 1; while nobody knows where the robot is, 0.
+        """
+        if self._separation is None:
+            return Least(share=1.0, cause=None)
+        if separated is None:
+            return self._least.step(Least(share=0.0, cause=None))
+        pair = separated.limiting if separated.scaling < 1.0 else None
+        cause = None if pair is None else separated.limit_of(pair)
+        return self._least.step(Least(share=separated.scaling, cause=cause))
+
     def _compare(
         self,
         reading: RangeReading,
@@ -193,12 +262,15 @@ class Monitor:
         return self._comparison
 
     def _beside_perception(self, now: Assessment, inputs: Inputs) -> Zone:
-        """Return the zone after what is no perception: late ticks and a second service.
+        """Return the zone of what is no perception: late ticks, a second service, a network that erred.
 
         A tick that came late was still within ``valid_for_s`` at every consumer, so it makes the zone at
         least yellow; one that came later than that has stopped them already, and the zone says the same.
         """
-        zone = now.zone
+        zone = Zone.GREEN
+        if inputs.latched:
+            now.reasons.append("latched")
+            zone = Zone.STOP
         if inputs.duplicate:
             now.reasons.append("duplicate:service")
             zone = Zone.STOP
@@ -213,10 +285,9 @@ class Monitor:
         target: SourceStatus,
         kinematics: Kinematics | None,
         now: Assessment,
-        limit: NDArray[np.float64],
-        zone: Zone,
+        allowed: _Allowed,
     ) -> NDArray[np.float64]:
-        wanted = np.zeros(len(limit))
+        wanted, zone = np.zeros(len(allowed.speed_limit)), allowed.zone
         if target.reason is not None:
             now.reasons.append(target.reason)
         elif kinematics is not None and inputs.target.value is not None and zone is not Zone.STOP:
@@ -225,14 +296,14 @@ class Monitor:
                 self.robot, kinematics, inputs.target.value, now.nearest, ranges, self._steps
             )
         if zone is Zone.STOP or kinematics is None or inputs.joints.value is None:
-            self._velocity = np.zeros(len(limit))
+            self._velocity = np.zeros(len(wanted))
         else:
             self._velocity = limited_velocity(
                 self.robot,
-                wanted,
+                separated_velocity(self._separation, allowed.limits, wanted),
                 previous=self._velocity,
                 position=inputs.joints.value.position,
-                speed_limit=limit,
+                speed_limit=allowed.speed_limit,
                 period_s=self.period_s,
             )
         return self._velocity

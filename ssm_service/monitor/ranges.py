@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from msgspec import Struct
@@ -13,6 +14,7 @@ from ..model import Kinematics, LinkDistance, Robot, SensorArray
 from ..perception import Bound, LowerBound, OwnLinks
 from ..safety import ZoneProfile
 from .decision import Nearest
+from .reaction import standstill_distance
 
 _STEPS = 1e-3 * np.vstack((np.eye(3), -np.eye(3)))
 
@@ -22,14 +24,20 @@ class RangeReading(Struct, frozen=True, kw_only=True, eq=False):
 
     Attributes:
         nearest: What the profile's estimator says; ``None`` where it says nothing.
-        least: The least reading that is not the arm's own link, by link [m]; ``inf`` for silence.
+        ranges: (m,), [m], the readings that count; ``inf`` for silence and for the arm's own links.
+        least: The least of them by link [m].
+        bounds: The bound of each link that the rings answer for; none unless the estimator is one.
+        silent: How near something could be in spite of silence, of each link that the rings answer for [m].
         unseen: Whether ``nearest`` is a thing that no sensor sees but that could be there.
         uncovered: Whether something could be nearer than the yellow distance without an echo.
         contradicted: Whether no admissible obstacle explains the readings.
     """
 
     nearest: Nearest | None
+    ranges: NDArray[np.float64]
     least: dict[str, float]
+    bounds: tuple[tuple[SensorArray, Bound, LinkDistance], ...]
+    silent: Mapping[str, float]
     unseen: bool
     uncovered: bool
     contradicted: bool
@@ -40,13 +48,12 @@ OWN_LINK_MARGIN_M = 0.01
 
 
 class _Scan(Struct, frozen=True, kw_only=True, eq=False):
-    """What does not change while the arm moves on: ranges (m,) [m] that count, and the bound of them."""
+    """What does not change while the arm moves on: ranges (m,) [m] that count, and the bounds of them."""
 
     ranges: NDArray[np.float64]
     least: dict[str, float]
     uncovered: bool
-    bound: Bound | None
-    sensors: SensorArray | None
+    bounds: tuple[tuple[SensorArray, Bound, LinkDistance], ...]
 
 
 class PreparedScan(Struct, frozen=True, kw_only=True, eq=False):
@@ -75,9 +82,10 @@ class RangeReader:
     Args:
         robot: The robot.
         profile: Names the estimator and says what an uncovered sector is worth.
+        period_s: Time from tick to tick [s], a part of the reaction time.
     """
 
-    def __init__(self, robot: Robot, profile: ZoneProfile) -> None:
+    def __init__(self, robot: Robot, profile: ZoneProfile, period_s: float = 0.002) -> None:
         self._robot = robot
         self._config = profile.config
         self.link = robot.sensor_arrays[0].link if robot.sensor_arrays else ""
@@ -86,7 +94,13 @@ class RangeReader:
         self._expected: NDArray[np.float64] | None = None
         self._bounds = self._lower_bounds(robot.config.file.assumptions)
         silent = min((bound.silent for _, bound, _ in self._bounds), default=math.inf)
-        self._watched = max(self._config.edges, default=math.inf)
+        unseen = {array.link: bound.silent for array, bound, _ in self._bounds}
+        self._silent = {
+            array.link: min(float(array.ranges_max.min()), unseen.get(array.link, math.inf))
+            for array in answering_arrays(robot)
+        }
+        # As far as the profile looks: its yellow distance, or where its separation begins to let go.
+        self._watched = max(*profile.config.edges, standstill_distance(robot, profile, period_s), 0.0)
         self._always_uncovered = silent < self._watched
         errors = robot.config.file.assumptions
         self._reading_error = 0.0 if errors is None else errors.reading_error_m
@@ -145,11 +159,14 @@ class RangeReader:
             unseen = contradicted = False
         else:
             nearest = self._nearest_by_bound(scan, kinematics)
-            contradicted = scan.bound is not None and scan.bound.distance is None
+            contradicted = any(bound.distance is None for _, bound, _ in scan.bounds)
             unseen = nearest is not None and scan.least[nearest.link] > self._reading_error
         return RangeReading(
             nearest=nearest,
+            ranges=scan.ranges,
             least=scan.least,
+            bounds=scan.bounds,
+            silent=self._silent,
             unseen=unseen,
             uncovered=scan.uncovered,
             contradicted=contradicted,
@@ -173,10 +190,10 @@ class RangeReader:
             array.link: float(seen[array.indices].min(initial=math.inf))
             for array in self._robot.sensor_arrays
         }
-        bound, sensors = None, None
+        bounds: list[tuple[SensorArray, Bound, LinkDistance]] = []
         if self._config.range_estimator == "lower_bound":
-            bound, sensors = self._least_bound(seen)
-        return _Scan(ranges=seen, least=least, uncovered=uncovered, bound=bound, sensors=sensors)
+            bounds = [(array, of.of(seen[array.indices]), surface) for array, of, surface in self._bounds]
+        return _Scan(ranges=seen, least=least, uncovered=uncovered, bounds=tuple(bounds))
 
     def _own_echoes(
         self, position: NDArray[np.float64], ranges: NDArray[np.float64]
@@ -199,21 +216,21 @@ class RangeReader:
         near = np.minimum(found.clear, low) < self._watched
         return own, bool((near & (own | missing)).any())
 
-    def _least_bound(self, seen: NDArray[np.float64]) -> tuple[Bound, SensorArray]:
-        """Return the most severe bound of all links; one that nothing explains is more severe than any.
-
-        What own links hide is not part of the promise: it is ``uncovered``.
-        """
-        found = [(bound.of(seen[array.indices]), array) for array, bound, _ in self._bounds]
-        return min(found, key=lambda entry: -math.inf if entry[0].distance is None else entry[0].distance)
-
     def _nearest_by_bound(self, scan: _Scan, kinematics: Kinematics) -> Nearest | None:
-        """Return the ball that attains the bound; ``None`` where nothing could be there."""
-        bound, array = scan.bound, scan.sensors
-        if bound is None or array is None or bound.distance is None or bound.distance == math.inf:
+        """Return the ball that attains the least bound of all links; ``None`` where nothing could be there.
+
+        A link's bound that nothing explains is more severe than any, and no ball attains it. What own links
+        hide is not part of the promise: it is ``uncovered``.
+        """
+        least = min(
+            scan.bounds,
+            key=lambda entry: -math.inf if entry[1].distance is None else entry[1].distance,
+            default=None,
+        )
+        if least is None or least[1].distance is None or least[1].distance == math.inf:
             return None
-        surface = next(surface for other, _, surface in self._bounds if other is array)
-        return ball_as_nearest(array, bound, bound.distance, surface, kinematics)
+        array, bound, surface = least
+        return ball_as_nearest(array, bound, least[1].distance, surface, kinematics)
 
 
 def answering_arrays(robot: Robot) -> list[SensorArray]:

@@ -8,6 +8,7 @@ from .convert import (
     obstacles_from,
     optional_readings,
     question_from,
+    separation_message,
     zone_message,
 )
 from .decode import Decoder, all_finite
@@ -42,5 +43,6 @@ __all__ = [
     "question_from",
     "robot_of",
     "seal",
+    "separation_message",
     "zone_message",
 ]

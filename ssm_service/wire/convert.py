@@ -16,12 +16,14 @@ from ..monitor import (
     EvaluationInput,
     JointSample,
     Nearest,
+    Separated,
     checked_target,
     joint_sample,
     range_scan,
 )
 from ..monitor import Target as MonitorTarget
 from ..perception import Estimate, RingEstimates
+from ..safety import SeparationTerms
 from . import messages as m
 
 
@@ -131,7 +133,8 @@ def zone_message(
             for key, report in decision.sources.items()
         },
         comparison=None if decision.comparison is None else _comparison_entry(decision.comparison),
-        reaction=None,
+        reaction=_reaction_terms(decision.separation),
+        limiting=_limiting_entry(decision.separation),
         reasons=list(decision.reasons),
     )
 
@@ -149,6 +152,26 @@ def command_message(
         zone=decision.zone.word,  # type: ignore[arg-type]
         name=name,
         velocity=decision.velocity.tolist(),
+    )
+
+
+def separation_message(
+    decision: Decision, *, producer: str, stamp_ns: int, robot: str, profile: str
+) -> m.Separation:
+    """Return every pair of a decision's tick; none where nothing is separated. ``seq`` is the tick."""
+    separated = decision.separation
+    return m.Separation(
+        producer=producer,
+        seq=decision.tick,
+        stamp_ns=stamp_ns,
+        robot=robot,
+        profile=profile,
+        reaction={}
+        if separated is None
+        else {source: time.terms() for source, time in separated.reactions.items()},
+        pairs=[]
+        if separated is None
+        else [_separation_pair(separated, pair) for pair in range(len(separated))],
     )
 
 
@@ -186,8 +209,8 @@ def evaluate_message(evaluation: Evaluation) -> m.EvaluateOutput:
                 point_on_obstacle=vector(entry.pair.point_on_obstacle),
                 normal=vector(entry.pair.normal),
                 closing_speed=entry.closing_speed,
-                max_closing_speed=None,
-                separation=None,
+                max_closing_speed=entry.max_closing_speed,
+                separation=None if entry.separation is None else _terms(entry.separation),
             )
             for entry in evaluation.pairs
         ],
@@ -238,6 +261,63 @@ def _nearest_entry(nearest: Nearest) -> m.NearestEntry:
         point_on_obstacle=vector(nearest.point_on_obstacle),
         normal=vector(nearest.normal),
     )
+
+
+def _reaction_terms(separated: Separated | None) -> dict[str, float] | None:
+    reaction = None if separated is None else separated.reaction
+    return None if reaction is None else reaction.terms()
+
+
+def _limiting_entry(separated: Separated | None) -> m.LimitingEntry | None:
+    if separated is None or separated.limiting is None:
+        return None
+    pair = separated.limiting
+    return m.LimitingEntry(
+        source=separated.source(pair),
+        link=separated.link(pair),
+        obstacle=separated.obstacle(pair),
+        distance=_finite(separated.table.distance[pair]),
+        closing_speed=float(separated.closing_speed[pair]),
+        max_closing_speed=float(separated.max_closing_speed[pair]),
+        separation=_terms(separated.terms(pair)),
+    )
+
+
+def _separation_pair(separated: Separated, pair: int) -> m.SeparationPair:
+    table = separated.table
+    return m.SeparationPair(
+        source=separated.source(pair),
+        link=separated.link(pair),
+        obstacle=separated.obstacle(pair),
+        distance=_finite(table.distance[pair]),
+        exact=bool(table.exact[pair]),
+        point_on_link=vector(table.point_on_link[pair]),
+        point_on_obstacle=vector(table.point_on_obstacle[pair]),
+        normal=vector(table.normal[pair]),
+        human_speed=float(table.human_speed[pair]),
+        closing_speed=float(separated.closing_speed[pair]),
+        max_closing_speed=float(separated.max_closing_speed[pair]),
+        reaction_time=float(table.reaction_time[pair]),
+        stopping_time=separated.stopping_time,
+        separation=_terms(separated.terms(pair)),
+    )
+
+
+def _terms(terms: SeparationTerms) -> dict[str, float]:
+    return {
+        "S_p": terms.S_p,
+        "S_h": terms.S_h,
+        "S_r": terms.S_r,
+        "S_s": terms.S_s,
+        "C": terms.C,
+        "Z_d": terms.Z_d,
+        "Z_r": terms.Z_r,
+    }
+
+
+def _finite(distance: float) -> float:
+    """Return a distance for the wire: one that Coal failed at is contact, and no number of its own."""
+    return float(distance) if math.isfinite(distance) else 0.0
 
 
 def _comparison_entry(comparison: Comparison) -> m.ComparisonEntry:
