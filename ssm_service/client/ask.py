@@ -91,5 +91,5 @@ def _once(session: zenoh.Session, key: str, timeout_s: float, payload: bytes | N
 def _text(payload: bytes) -> str:
     try:
         return msgspec.json.decode(payload, type=m.EvaluateError).error
-    except (msgspec.DecodeError, UnicodeDecodeError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return payload[:500].decode("utf-8", "replace")

@@ -82,7 +82,7 @@ def outputs(answer: bytes, count: int) -> list[m.EvaluateOutput | m.EvaluateErro
         if len(lines) != count:
             raise ServiceError(f"evaluate answered {len(lines)} of {count} inputs")
         return [_output(line) for line in lines]
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ServiceError(f"evaluate answered with something malformed: {error}") from error
 
 

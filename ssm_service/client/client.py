@@ -119,7 +119,7 @@ class Client:
         """Return the configuration in force. It raises as ``zone`` does."""
         try:
             return msgspec.json.decode(self._plain("config"), type=dict[str, Any])
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ServiceError(f"config answered with something malformed: {error}") from error
 
     def frames(

@@ -63,7 +63,7 @@ class Decoder(Generic[M]):
 
     def _refusal(self, payload: bytes, text: str) -> InputError:
         what, _, place = text.partition(" - at `$")
-        where = place.rstrip("`").lstrip(".") or self._kind.__name__
+        what, where = _cut(what), _cut(place.rstrip("`").lstrip(".")) or self._kind.__name__
         cause = next((cause for phrase, cause in _CAUSES if phrase in what), "wrong_type")
         if cause == "unknown_word" and where.endswith("shape"):
             cause = "unknown_shape"
@@ -80,8 +80,13 @@ def _explained(cause: str, where: str, payload: bytes, kind: type[Message]) -> I
         return None  # a number that no double can hold, say
     except ConfigError as error:
         if where == kind.__name__ or error.key.startswith(where):
-            return InputError(cause, error.key or where, error.found, error.allowed)
+            return InputError(cause, _cut(error.key) or where, error.found, _cut(error.allowed))
     return None
+
+
+def _cut(text: str, limit: int = 300) -> str:
+    """Return a text that may hold a sender's own words, such as the name of an unknown field, cut short."""
+    return text if len(text) <= limit else text[: limit - 1] + "…"
 
 
 def _shorten(payload: bytes) -> str:
