@@ -15,11 +15,12 @@ import zenoh
 
 from ssm_service.model import Robot
 from ssm_service.service import ServiceOptions, run_service
-from ssm_service.wire import Keys
+from ssm_service.wire import Keys, seal
 from ssm_service.wire import messages as m
 from ssm_service.wire.session import Mode, open_session, zenoh_config
 
 ROBOT = "bench"
+PRODUCER = "bench"
 JOINTS_PERIOD_NS = 8_000_000
 WARM_UP_NS = 500_000_000
 OUT = {
@@ -60,21 +61,23 @@ def send(*, endpoint: str, messages: int, period_us: float, seed: int) -> dict[s
     due = (start + np.cumsum(gaps)).astype(np.int64).tolist()
     others = [value_of(messages + 100_000)] * (robot.sensor_count - 1)
     scans = [_encode(m.Ranges, index, ranges=[value_of(index), *others]) for index in range(messages)]
+    keys = Keys(ROBOT)
+    seals = [seal(keys.input("ranges"), PRODUCER, index, payload) for index, payload in enumerate(scans)]
     sent: list[int] = []
     with open_session(zenoh_config("client", connect=[endpoint])) as session:
-        keys = Keys(ROBOT)
         joints, ranges = (session.declare_publisher(keys.input(name), **OUT) for name in ("joints", "ranges"))
         for sequence, joint_time in enumerate(range(start - WARM_UP_NS, due[-1], JOINTS_PERIOD_NS)):
             while len(sent) < messages and due[len(sent)] < joint_time:
                 _sleep_until(due[len(sent)])
                 payload = scans[len(sent)]
                 sent.append(time.monotonic_ns())
-                ranges.put(payload)
+                ranges.put(payload, attachment=seals[len(sent) - 1])
             _sleep_until(joint_time)
-            joints.put(_joints(robot, sequence))
+            state = _joints(robot, sequence)
+            joints.put(state, attachment=seal(keys.input("joints"), PRODUCER, sequence, state))
         for payload in scans[len(sent) :]:
             sent.append(time.monotonic_ns())
-            ranges.put(payload)
+            ranges.put(payload, attachment=seals[len(sent) - 1])
             time.sleep(2.0 * period_us * 1e-6)
     return {"sent_ns": sent, "bytes": len(scans[-1])}
 
@@ -166,7 +169,7 @@ def _session(mode: Mode, endpoint: str) -> zenoh.Session:
 
 
 def _encode(kind: type[m.Message], seq: int, **fields: Any) -> bytes:
-    return msgspec.json.encode(kind(producer="bench", seq=seq, stamp_ns=time.time_ns(), **fields))
+    return msgspec.json.encode(kind(producer=PRODUCER, seq=seq, stamp_ns=time.time_ns(), **fields))
 
 
 def _joints(robot: Robot, seq: int) -> bytes:

@@ -15,6 +15,7 @@ from .demo import demo
 from .evaluate import evaluate
 from .keys import keys
 from .output import FAILED, abandon_stdout, emit, log, status_of
+from .reset import reset
 from .run import run
 from .schema import schema
 from .sim import sim
@@ -33,7 +34,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (demo, run, sim, zone, watch, evaluate, coverage, check, schema):
+for command in (demo, run, sim, zone, watch, reset, evaluate, coverage, check, schema):
     app.command()(command)
 app.add_typer(keys)
 

@@ -11,7 +11,7 @@ import pytest
 
 from ssm_service import __version__
 
-COMMANDS = {"demo", "run", "sim", "zone", "watch", "evaluate", "coverage", "check", "schema"}
+COMMANDS = {"demo", "run", "sim", "zone", "watch", "reset", "evaluate", "coverage", "check", "schema"}
 NOBODY = "tcp/127.0.0.1:1"
 
 
@@ -84,6 +84,7 @@ def test_wrong_use_is_status_2_and_names_the_place_what_was_found_and_what_is_al
     "arguments",
     [
         ["zone", "--timeout", "0.3"],
+        ["reset", "--timeout", "0.3"],
         ["watch", "--seconds", "0.3", "--json"],
         ["sim", "--seconds", "0.5"],
         ["evaluate", "--remote", "--timeout", "0.3"],

@@ -1,14 +1,17 @@
 """The follower between its channels and its clock, with both in the test's hands."""
 
 from collections import deque
+from types import SimpleNamespace
 
+import msgspec
 import pytest
 import zenoh
 
 from ssm_service.client import Follower
+from ssm_service.client.echoing import Echoing
 from ssm_service.client.roundtrip import Answers
 from ssm_service.errors import InputError
-from ssm_service.wire import Keys
+from ssm_service.wire import Heard, Keys, opened
 from ssm_service.wire import messages as m
 
 MS = 1_000_000
@@ -171,3 +174,97 @@ def test_a_closed_session_is_a_stop_and_no_error(bench):
     bench.zones.receive = bench.commands.receive = closed
     assert bench.follower.poll(10 * MS).zone_message.seq == 11
     assert bench.follower.poll(2 * MS + VALID_NS).stopped_by_consumer
+
+
+class Session:
+    """A session whose one publisher keeps what is put, until it is closed."""
+
+    def __init__(self):
+        self.put = []
+        self.closed = self.undeclared = False
+
+    def declare_publisher(self, key, *, encoding, **_):
+        def put(payload, *, attachment):
+            if self.closed:
+                raise zenoh.ZError("closed")
+            self.put.append((key, encoding, payload, attachment))
+
+        def undeclare():
+            self.undeclared = True
+
+        return SimpleNamespace(put=put, undeclare=undeclare)
+
+
+@pytest.fixture
+def session():
+    return Session()
+
+
+@pytest.fixture
+def echoing(bench, session, monkeypatch):
+    """A follower that sends echoes by the test's own clock."""
+    clock = SimpleNamespace(now=10**9)
+    monkeypatch.setattr("ssm_service.client.echoing.time.monotonic_ns", lambda: clock.now)
+    bench.follower._echoing = Echoing(session, Keys("arm"))
+    bench.clock = clock
+    return bench
+
+
+def sent(session):
+    echoes = []
+    for key, encoding, payload, attachment in session.put:
+        echo = msgspec.json.decode(payload, type=m.Echo)
+        assert (key, encoding) == ("ssm/arm/in/echo", "application/json;ssm.Echo/1")
+        opened(key, echo.producer, echo.seq, payload, attachment, required=True)
+        echoes.append(echo)
+    return echoes
+
+
+def test_what_was_heard_is_named_for_drivers(bench):
+    assert bench.follower.heard is None
+    bench.send(11, 12)
+    bench.follower.poll(2 * MS)
+    assert bench.follower.heard == Heard("p", 12)
+    bench.zones.waiting.append(zone(12))  # refused
+    bench.follower.poll(4 * MS)
+    assert bench.follower.heard == Heard("p", 12)
+
+
+def test_the_newest_zone_is_echoed_ten_times_a_second(echoing, session):
+    for tick in range(11, 511):
+        echoing.send(tick)
+        echoing.follower.poll(2 * MS * (tick - 10))
+        echoing.clock.now += 2 * MS
+    echoes = sent(session)
+    assert len(echoes) == 10
+    assert [echo.seq for echo in echoes] == list(range(10))
+    assert {echo.producer for echo in echoes} == {echoes[0].producer}
+    assert {echo.service for echo in echoes} == {"p"}
+    assert [echo.tick for echo in echoes] == [11 + 50 * index for index in range(10)]
+    assert {echo.held_ns for echo in echoes} == {0}
+
+
+def test_an_echo_says_how_long_it_was_held_and_is_sent_once(echoing, session):
+    echoing.send(11)
+    echoing.follower.poll(2 * MS)
+    echoing.clock.now += 3 * MS
+    echoing.send(12)
+    echoing.follower.poll(4 * MS)
+    echoing.clock.now += 97 * MS
+    for poll in range(6, 20):
+        echoing.follower.poll(poll * MS)
+        echoing.clock.now += 200 * MS
+    assert [(echo.tick, echo.held_ns) for echo in sent(session)] == [(11, 0), (12, 97 * MS)]
+
+
+def test_nothing_is_echoed_before_anything_was_heard_or_once_the_session_is_closed(echoing, session):
+    echoing.follower.poll(2 * MS)
+    session.closed = True
+    echoing.send(11)
+    assert not echoing.follower.poll(4 * MS).stopped_by_consumer
+    assert session.put == []
+    channels = (SimpleNamespace(close=lambda: None),) * 2
+    echoing.follower._channels = channels
+    echoing.follower.close()
+    assert session.undeclared
+    echoing.follower.close()

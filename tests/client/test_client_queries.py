@@ -133,3 +133,30 @@ def test_a_closed_client_says_so(client, pretended):
     with pytest.raises(NoServiceError, match="closed"):
         client.zone()
     assert next(client.stream()).reasons == ("waiting:service",)
+
+
+def test_a_reset_says_what_was_cleared(client, pretended):
+    pretended()
+    reply = client.reset()
+    assert (reply.robot, reply.cleared) == ("arm", "corruption on in/joints")
+
+
+def refusal(question):
+    try:
+        question()
+    except ServiceError as error:
+        return str(error)
+    return None
+
+
+def test_an_answer_without_a_checksum_is_none(client, pretended):
+    service = pretended()
+    client.zone()
+    service.wish(fault="no_crc")
+    # The wish takes its time; everything after the first refusal is refused as well.
+    deadline = time.monotonic() + 5.0
+    while refusal(client.config) is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    for question in (client.config, client.zone, client.command, client.reset):
+        assert "malformed: attachment: found None" in refusal(question)
+    assert "malformed" in refusal(lambda: client.evaluate([{"position": [0]}]))

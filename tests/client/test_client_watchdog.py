@@ -9,6 +9,7 @@ from ssm_service.client.watchdog import LONGEST_VALID_NS, Watchdog
 from ssm_service.errors import InputError
 from ssm_service.safety import Zone
 from ssm_service.wire import messages as m
+from ssm_service.wire.latch import Latch
 
 MS = 1_000_000
 VALID_NS = 20 * MS
@@ -276,3 +277,56 @@ def test_no_network_makes_it_act_on_what_was_decided_before_the_proof_or_too_lon
         assert now - decided < 2 * VALID_NS
     assert believed > 100
     assert set(watchdog.rejected) <= {"old_seq"}
+
+
+def refuse(watchdog, fault, now, cause="corrupt"):
+    watchdog.refuse(InputError(cause, "attachment", "", "", fault=fault), now)
+
+
+def test_faults_of_transmission_are_counted_apart(proved):
+    refuse(proved, "corruption", 0)
+    refuse(proved, "corruption", 0, "bad_attachment")
+    refuse(proved, "masquerade", 0, "missing_crc")
+    refuse(proved, "", 0, "not_finite")
+    assert proved.integrity_errors == {"corruption": 2, "masquerade": 1}
+    assert proved.rejected == {"corrupt": 1, "bad_attachment": 1, "missing_crc": 1, "not_finite": 1}
+
+
+@pytest.mark.parametrize(
+    ("message", "fault"),
+    [
+        (zone(11), "repetition"),
+        (zone(12, robot="other"), "addressing"),
+        (zone(12, producer="q"), "insertion"),
+    ],
+)
+def test_a_message_that_shows_a_fault_names_it(proved, message, fault):
+    both(proved, 11, 0)
+    with pytest.raises(InputError) as caught:
+        proved.take(message, 0, 0)
+    assert caught.value.fault == fault
+
+
+def test_without_a_latch_errors_pass(proved):
+    for _ in range(10):
+        refuse(proved, "corruption", 0)
+    both(proved, 11, 0)
+    assert not proved.state(0).stopped_by_consumer
+
+
+def test_with_a_latch_the_second_error_holds_the_stop_until_it_is_acknowledged():
+    latch = Latch(10.0)
+    watchdog = Watchdog("arm", latch=latch)
+    watchdog.prove(zone(10), 0)
+    refuse(watchdog, "corruption", 0)
+    refuse(watchdog, "", 0, "not_finite")
+    both(watchdog, 11, 1)
+    assert not watchdog.state(1).stopped_by_consumer
+    refuse(watchdog, "masquerade", 2 * MS)
+    for tick in range(12, 20):
+        both(watchdog, tick, tick * MS)
+        state = watchdog.state(tick * MS)
+        assert (state.reasons, state.velocity) == (("latched:masquerade",), (0.0, 0.0))
+        assert state.stopped_by_consumer
+    assert latch.reset() == "masquerade on arm, 0.0 s after corruption on arm"
+    assert watchdog.state(20 * MS).zone_message.seq == 19

@@ -10,8 +10,9 @@ from ssm_service.service import ServiceOptions, run_service
 
 def main() -> int:
     fields = json.loads(sys.argv[1])
-    if "zenoh_config" in fields:
-        fields["zenoh_config"] = Path(fields["zenoh_config"])
+    for path in ("zenoh_config", "state"):
+        if path in fields:
+            fields[path] = Path(fields[path])
     try:
         run_service(ServiceOptions(**fields), lambda text: print(text, file=sys.stderr, flush=True))
     except SsmError as error:

@@ -143,7 +143,10 @@ def test_encodings_are_exactly_what_is_promised():
             "EvaluateError",
             "FramesRequest",
             "FramesReply",
+            "Echo",
+            "Separation",
             "Health",
+            "ResetReply",
         )
     }
 
