@@ -6,9 +6,10 @@ import math
 
 import pytest
 
-from ssm_service.config import load_robot_config
+from ssm_service.config import ProfileConfig, load_robot_config
+from ssm_service.config.schema import SeparationConfig, ZoneConfig
 from ssm_service.errors import InputError
-from ssm_service.safety import SeparationLaw, classify
+from ssm_service.safety import SeparationLaw, Zone, ZoneProfile, classify
 
 TERMS = (
     "human_speed",
@@ -68,3 +69,34 @@ def test_a_status_carries_the_age_that_it_was_given(age: float | None) -> None:
     for invalid in (False, True):
         status = classify("ranges", sources.ranges, age_s=age, invalid=invalid)
         assert (status.name, status.age_s) == ("ranges", age)
+
+
+RED = ZoneConfig(distance_m=0.2, joint_speed_rad_s=0.1, speed_scaling=0.2)
+YELLOW = ZoneConfig(distance_m=0.5, joint_speed_rad_s=0.3, speed_scaling=0.6)
+EQUATION = SeparationConfig(
+    intrusion_m=0.0, human_uncertainty_m=0.0, robot_uncertainty_m=0.0, red_scaling=0.16
+)
+
+
+def profile(**fields: object) -> ZoneProfile:
+    return ZoneProfile(name="p", config=ProfileConfig(recovery_ticks=5, **fields))
+
+
+def test_without_steps_only_contact_is_a_matter_of_distance() -> None:
+    bare = profile(separation=EQUATION)
+    assert [bare.zone_at(d) for d in (-0.1, 0.0, math.nan)] == [Zone.STOP] * 3
+    assert [bare.zone_at(d) for d in (math.ulp(0.0), 0.3, 0.9, math.inf)] == [Zone.GREEN] * 4
+
+
+def test_without_steps_a_doubt_is_worth_what_the_separation_says() -> None:
+    bare = profile(separation=EQUATION)
+    assert [bare.speed_scaling(zone) for zone in Zone] == [1.0, pytest.approx(0.4), 0.16, 0.0]
+    assert [bare.joint_speed(zone) for zone in Zone] == [None, None, None, 0.0]
+
+
+def test_steps_go_before_the_separation() -> None:
+    both = profile(red=RED, yellow=YELLOW, separation=EQUATION)
+    assert [both.speed_scaling(zone) for zone in Zone] == [1.0, 0.6, 0.2, 0.0]
+    assert [both.joint_speed(zone) for zone in Zone] == [None, 0.3, 0.1, 0.0]
+    zones = [both.zone_at(d) for d in (0.0, 0.1, 0.2, 0.4, 0.5, 0.6)]
+    assert zones == [Zone.STOP, Zone.RED, Zone.RED, Zone.YELLOW, Zone.YELLOW, Zone.GREEN]
