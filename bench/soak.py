@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import os
 import sys
 import tempfile
 import threading
@@ -74,7 +75,7 @@ class Sampler:
 
     def _look(self) -> None:
         while not self._ended.wait(self._every_s):
-            sample: dict[str, Any] = {}
+            sample: dict[str, Any] = {"load": os.getloadavg()[0]}
             for role in ROLES:
                 pid = self._rig.pid(role)
                 seen = None if pid is None else vitals(pid)
@@ -157,7 +158,7 @@ def report(folder: Path) -> tuple[Report, list[Finding]]:
         settings={**run.settings, "seconds": round(run.end, 1)},
         columns={"what": "what", "answer": "as it must be", "says": "numbers"},
         rows=rows,
-        notes=[*NOTES.splitlines(), f"Done to them: {_done(run)}."],
+        notes=[*NOTES.splitlines(), f"Done to them: {_done(run)}.", _load(run)],
         draw=lambda path: draw(run, path),
     )
     return made, found
@@ -168,6 +169,15 @@ def _done(run: Run) -> str:
     for fault in run.events.get("fault", []):
         counts[fault["what"]] = counts.get(fault["what"], 0) + fault["done"]
     return ", ".join(f"{what} {count}×" for what, count in sorted(counts.items())) or "nothing"
+
+
+def _load(run: Run) -> str:
+    loads = sorted(sample["load"] for sample in run.events.get("sample", [])) or [0.0]
+    cores = len(os.sched_getaffinity(0))
+    return (
+        f"Load average: median {loads[len(loads) // 2]:.1f}, greatest {loads[-1]:.1f}, on {cores} cores. Much "
+        "above its own 2 to 3 it is other people's, and gaps say more of the machine than of the service."
+    )
 
 
 def _arguments() -> argparse.Namespace:

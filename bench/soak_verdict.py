@@ -154,9 +154,9 @@ def memory(run: Run) -> list[Finding]:
 
 def descriptors(run: Run) -> list[Finding]:
     """Return whether each role's descriptors are the same in quiet times, first to last."""
-    found = []
+    found, warm_s = [], min(0.2 * WARM_UP_S, run.end / 3.0)
     for role in ROLES:
-        quiet = [(life, run.quiet(life.t)) for life in run.lives if life.role == role]
+        quiet = [(life, run.quiet(life.t) & (life.t > warm_s)) for life in run.lives if life.role == role]
         fds = np.concatenate([life.fds[calm] for life, calm in quiet] or [np.empty(0)])
         threads = np.concatenate([life.threads[calm] for life, calm in quiet] or [np.empty(0)])
         if len(fds) < 8:
