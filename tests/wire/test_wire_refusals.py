@@ -187,7 +187,7 @@ def test_ranges(refused, ranges, cause):
         ({"position": [0, 0]}, "wrong_length", "position"),
         ({"position": [0, 0, 1001]}, "out_of_range", "position"),
         ({"velocity": [0, 1001, 0]}, "out_of_range", "velocity"),
-        ({"velocity": None}, "wrong_type", "velocity"),
+        ({"velocity": "0"}, "wrong_type", "velocity"),
         ({"quaternion_xyzw": [0, 0, 0, 0]}, "bad_quaternion", "quaternion_xyzw"),
         ({"quaternion_xyzw": [0, 0, 0, 1.1]}, "bad_quaternion", "quaternion_xyzw"),
         ({"quaternion_xyzw": [0, 0, 1]}, "wrong_length", "quaternion_xyzw"),
