@@ -26,6 +26,7 @@ from .options import ServiceOptions
 from .outputs import Outputs, stopped
 from .publications import Publications
 from .queries import JSON, Reply, StoredReplies
+from .separations import SeparationOutput
 from .statistics import RecentGreatest, Timings, resident_bytes
 
 DRAIN_SHARE = 0.3
@@ -97,6 +98,9 @@ class Service:
             valid_for_ns=round(self._monitor.valid_for_s * 1e9),
             joint_names=list(robot.joint_names),
         )
+        self._separations = SeparationOutput(
+            session, self._keys, producer=self.producer, profile=self._monitor.profile.name
+        )
         self._foreign = ForeignOutputs(session, self._keys)
         self._encoder = msgspec.json.Encoder()
         config = self._encoder.encode(self._configuration())
@@ -110,6 +114,7 @@ class Service:
         self._stopping = False
         # One tick that knows nothing, so that a query has a true answer from the start.
         self._tick(Beat(self._started_ns, self._started_ns, 0, 0))
+        self._separations.work(self._outputs.last, self._started_ns)
         self._replies = self._stored_replies(session)
         self._token = session.liveliness().declare_token(self._keys.alive)
 
@@ -194,6 +199,7 @@ class Service:
         return stopped(decision, "overrun", tick=decision.tick) if late else decision
 
     def _idle(self, until_ns: int) -> None:
+        self._separations.work(self._outputs.last, time.monotonic_ns())
         self._replies.serve(until_ns)
         second, of_second = divmod(self._ticks, round(self._options.rate_hz))
         if of_second == 0:
@@ -226,6 +232,7 @@ class Service:
                 "zone": lambda: self._outputs.zone_reply,
                 "command": lambda: self._outputs.command_reply,
                 "config": lambda: self._config,
+                "separation": lambda: self._separations.reply,
                 "health": lambda: self._sealed("health", self._health()),
                 "reset": lambda: self._sealed("reset", self._reset()),
             },

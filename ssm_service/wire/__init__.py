@@ -9,6 +9,7 @@ from .convert import (
     optional_readings,
     question_from,
     separation_message,
+    separation_pairs,
     zone_message,
 )
 from .decode import Decoder, all_finite
@@ -44,5 +45,6 @@ __all__ = [
     "robot_of",
     "seal",
     "separation_message",
+    "separation_pairs",
     "zone_message",
 ]

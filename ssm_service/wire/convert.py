@@ -156,9 +156,15 @@ def command_message(
 
 
 def separation_message(
-    decision: Decision, *, producer: str, stamp_ns: int, robot: str, profile: str
+    decision: Decision,
+    pairs: list[m.SeparationPair],
+    *,
+    producer: str,
+    stamp_ns: int,
+    robot: str,
+    profile: str,
 ) -> m.Separation:
-    """Return every pair of a decision's tick; none where nothing is separated. ``seq`` is the tick."""
+    """Return a decision's ``Separation`` with what ``separation_pairs`` gave; ``seq`` is the tick."""
     separated = decision.separation
     return m.Separation(
         producer=producer,
@@ -169,10 +175,13 @@ def separation_message(
         reaction={}
         if separated is None
         else {source: time.terms() for source, time in separated.reactions.items()},
-        pairs=[]
-        if separated is None
-        else [_separation_pair(separated, pair) for pair in range(len(separated))],
+        pairs=pairs,
     )
+
+
+def separation_pairs(separated: Separated, pairs: range) -> list[m.SeparationPair]:
+    """Return some of a tick's pairs as messages."""
+    return [_separation_pair(separated, pair) for pair in pairs]
 
 
 def question_from(robot: Robot, message: m.EvaluateInput) -> EvaluationInput:

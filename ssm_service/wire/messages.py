@@ -93,7 +93,7 @@ class ObstacleEntry(Message, frozen=True, kw_only=True):
     ]
     position: Annotated[Vector3, Meta(description="m, base frame")]
     quaternion_xyzw: Annotated[Quaternion, Meta(description="orientation, base frame")] = (0.0, 0.0, 0.0, 1.0)
-    velocity: Annotated[Vector3 | None, Meta(description="m/s, base frame; null where it is not known")] = None
+    velocity: Annotated[Vector3 | None, Meta(description="m/s, base frame; null: not known")] = None
 
 
 class Obstacles(Message, frozen=True, kw_only=True):

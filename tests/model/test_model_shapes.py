@@ -55,7 +55,8 @@ def test_values_are_plain_tuples_of_floats_and_the_quaternion_is_of_unit_length(
     assert obstacle.size == (1.0, 2.0, 3.0)
     assert all(type(v) is float for v in obstacle.size)
     assert math.hypot(*obstacle.quaternion_xyzw) == pytest.approx(1.0, abs=1e-15)
-    assert obstacle.velocity == (0.0, 0.0, 0.0)
+    assert obstacle.velocity is None
+    assert Obstacle(**{**GOOD, "velocity": [1, 2, 3]}).velocity == (1.0, 2.0, 3.0)
 
 
 def test_rotation_and_axis():
