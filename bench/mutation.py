@@ -1,0 +1,128 @@
+"""Do the tests notice a wrong operator, constant or argument in what decides? Mutants of four rooms.
+
+mutmut changes one place after the other in a copy of the tree, and runs the tests of the room that reach it.
+What survives must stand in ``mutation_survivors.toml`` with the reason why it may; ends with status 1 if one
+does not, or if a listed one is noticed by now. Two limits of the tool: what has a decorator (properties) and
+what stands outside of functions (constants, defaults of fields) is not mutated. Files that are not mutated at
+all stand in the same list, with their reason; so does nothing else of a room.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+import tomllib
+from dataclasses import asdict
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from .common import Report
+from .mutation_run import Outcome, Room, Survivor, run_room
+
+ROOT = Path(__file__).resolve().parents[1]
+LIST = Path(__file__).with_name("mutation_survivors.toml")
+COLUMNS = {
+    "room": "room",
+    "mutants": "mutants",
+    "killed": "killed",
+    "timeout": "by time",
+    "survivors": "survived",
+    "listed": "of these listed",
+    "seconds": "seconds",
+}
+Entry = dict[str, str]
+
+
+def rooms(listed: dict[str, Any], root: Path = ROOT) -> dict[str, Room]:
+    """Return the rooms as the list of survivors defines them: all their files but those left out."""
+    left_out = {entry["file"] for entry in listed.get("not_run", [])}
+    made = {}
+    for name, room in listed["rooms"].items():
+        folder = root / "ssm_service" / name
+        modules = sorted(path.relative_to(root).as_posix() for path in folder.glob("*.py"))
+        kept = tuple(module for module in modules if module not in left_out)
+        made[name] = Room(name=name, modules=kept, tests=tuple(room["tests"]))
+    return made
+
+
+def matches(entry: Entry, one: Survivor) -> bool:
+    """Tell whether an entry of the list is about a survivor; its ``mutant`` may be a pattern with ``*``."""
+    return (
+        entry["file"] == one.file
+        and entry["function"] == one.function
+        and entry["line"] == one.line
+        and (entry["mutant"] == one.mutant or fnmatchcase(one.mutant, entry["mutant"]))
+    )
+
+
+def judge(outcome: Outcome, entries: list[Entry]) -> tuple[list[Survivor], list[Entry]]:
+    """Return the survivors that no entry is about, and the entries that are about no survivor."""
+    new = [one for one in outcome.survivors if not any(matches(entry, one) for entry in entries)]
+    stale = [entry for entry in entries if not any(matches(entry, one) for one in outcome.survivors)]
+    return new, stale
+
+
+def _arguments(names: list[str]) -> argparse.Namespace:
+    options = argparse.ArgumentParser(
+        prog="python -m bench.mutation", description=(__doc__ or "").partition("\n")[0]
+    )
+    options.add_argument("--json", action="store_true", help="machine-readable, on stdout")
+    options.add_argument("--out", type=Path, metavar="DIR", help="write the table and the JSON there")
+    options.add_argument("--room", action="append", choices=names, help="only this one; may be repeated")
+    options.add_argument(
+        "--jobs",
+        type=int,
+        default=len(os.sched_getaffinity(0)),
+        metavar="N",
+        help="tests at once (default: %(default)s)",
+    )
+    return options.parse_args()
+
+
+def main() -> None:
+    """Run the benchmark."""
+    listed = tomllib.loads(LIST.read_text(encoding="utf-8"))
+    every = rooms(listed)
+    arguments = _arguments(sorted(every))
+    chosen = arguments.room or sorted(every)
+    report = Report(name="mutation", settings={"jobs": arguments.jobs}, columns=COLUMNS, rows=[])
+    wrong = 0
+    for name in chosen:
+        begin = time.perf_counter()
+        outcome = run_room(ROOT, every[name], arguments.jobs)
+        folder = f"ssm_service/{name}/"
+        entries = [entry for entry in listed["survivor"] if entry["file"].startswith(folder)]
+        new, stale = judge(outcome, entries)
+        wrong += len(new) + len(stale)
+        report.rows.append(
+            {
+                "room": name,
+                "mutants": outcome.counts.total(),
+                "killed": outcome.counts["killed"],
+                "timeout": outcome.counts["timeout"],
+                "survivors": len(outcome.survivors),
+                "listed": len(outcome.survivors) - len(new),
+                "seconds": round(time.perf_counter() - begin, 1),
+                "new": [asdict(one) for one in new],
+                "stale": stale,
+            }
+        )
+        report.notes += [
+            f"{one.file}:{one.number} {one.function}: `{one.line}` became `{one.mutant}` ({one.status})"
+            for one in new
+        ]
+        report.notes += [
+            f"{entry['file']} {entry['function']}: `{entry['mutant']}` is in the list, but noticed"
+            for entry in stale
+        ]
+    report.notes += [f"not mutated: {entry['file']}: {entry['reason']}" for entry in listed["not_run"]]
+    report.finish(arguments)
+    if wrong:
+        sys.exit(f"{wrong} differences to {LIST.name}; see the notes")
+
+
+if __name__ == "__main__":
+    main()
