@@ -70,11 +70,11 @@ def unchecked_rights(config: zenoh.Config) -> bool:
 
 
 def endpoints(config: zenoh.Config, key: str) -> list[str]:
-    """Return the endpoints of a key for the configuration's mode, however they are written."""
+    """Return the endpoints of a key for the configuration's mode, given for all modes or for each."""
     found = _read(config, key)
     if isinstance(found, dict):
         found = found.get(_read(config, "mode") or "peer")
-    return [found] if isinstance(found, str) else [str(endpoint) for endpoint in found or ()]
+    return [str(endpoint) for endpoint in found or ()]
 
 
 def is_local(endpoint: str) -> bool:

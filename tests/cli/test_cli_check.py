@@ -165,6 +165,16 @@ def test_a_tight_network_has_neither_faults_nor_weak_points(ssm, tmp_path):
         ("lease: 100", "lease: 10000", "weak", "transport/link/tx/lease"),
         ("real_time: 16", "real_time: 2", "weak", "transport/link/tx/queue/size/real_time"),
         ('listen: { endpoints: ["tcp/127.0.0.1:7447"] },', "", "weak", "listen/endpoints"),
+        ("tcp/127.0.0.1:7447", "tcp/127.example.org:7447", "weak", "listen/endpoints"),
+        ("  scouting", '  connect: { endpoints: ["tcp/router:1"] }, scouting', "weak", "connect/endpoints"),
+        ("tcp/127.0.0.1:7447", "tls/0.0.0.0:7447", "weak", "transport/link/tls/close_link_on_expiration"),
+        (
+            "scouting:",
+            'access_control: { enabled: true, default_permission: "allow", rules: [], subjects: [], '
+            "policies: [] }, scouting:",
+            "weak",
+            "access_control/default_permission",
+        ),
     ],
 )
 def test_each_opening_of_the_network_is_named(tmp_path, old, new, level, key):

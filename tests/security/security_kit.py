@@ -200,8 +200,9 @@ class Watch:
 
         def right() -> bool:
             last = self._zones[-1:]
-            # No one plans a motion here, and that alone changes no zone.
-            return bool(last) and last[0]["reasons"] in (["distance"], ["distance", "waiting:target"])
+            # No one plans a motion here for long, and that alone changes no zone.
+            reasons = set(last[0]["reasons"]) if last else set()
+            return reasons - {"waiting:target", "stale:target"} == {"distance"}
 
         try:
             wait_for(right, seconds, "yellow by distance")
@@ -217,6 +218,7 @@ class Watch:
         self.until_yellow()
         first, before, begin = len(self._zones), self.health(), time.monotonic()
         yield
+        time.sleep(0.2)
         self.until_yellow()
         after, seconds = self.health(), time.monotonic() - begin
         zones = self._zones[first:]

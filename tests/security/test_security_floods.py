@@ -61,7 +61,7 @@ def test_sessions_beyond_the_limit_are_refused(robot: Robot, watch: Watch):
 
 def test_half_open_connections_harm_nobody_who_is_in(robot: Robot, watch: Watch):
     with watch.unmoved():
-        strangers = [socket.create_connection(("127.0.0.1", robot.port), 1.0) for _ in range(100)]
+        strangers = [socket.create_connection(("127.0.0.1", robot.port), 1.0) for _ in range(30)]
         time.sleep(1.0)
         robot.open("viewer-ur3").close()  # while they wait, others still get in
         for stranger in strangers:
@@ -77,6 +77,6 @@ def test_half_open_connections_harm_nobody_who_is_in(robot: Robot, watch: Watch)
         return True
 
     wait_for(let_in, 40.0, "the door is open again")
-    print(f"a newcomer was let in {time.monotonic() - begin:.1f} s after 100 failed handshakes")
+    print(f"a newcomer was let in {time.monotonic() - begin:.1f} s after 30 failed handshakes")
     with watch.unmoved():
         pass

@@ -92,8 +92,6 @@ def test_who_dials_must_verify_who_answers(settings, own, exposed):
 def test_endpoints_are_read_however_they_are_written():
     both = {"router": ["tcp/0.0.0.0:1"], "peer": ["tcp/0.0.0.0:2"]}
     assert endpoints(config(**{"listen/endpoints": both}), "listen/endpoints") == ["tcp/0.0.0.0:1"]
-    single = {"router": "tcp/0.0.0.0:3"}
-    assert endpoints(config(**{"listen/endpoints": single}), "listen/endpoints") == ["tcp/0.0.0.0:3"]
     assert endpoints(zenoh.Config(), "listen/endpoints") == ["tcp/[::]:0"]  # Zenoh's own default, as a peer
     assert len(exposures(zenoh.Config())) == 1
 
