@@ -53,7 +53,7 @@ def test_known_rows():
     assert (radius["type"], radius["unit"], radius["bounds"]) == ("number", "m", "> 0 and ≤ 2")
     assert radius["default"] == "**required**"
     assert rows()["profiles.NAME.red.distance_m"] == rows()["profiles.NAME.yellow.distance_m"]
-    assert rows()["sources.obstacles"]["default"] == "`{ required = false, timeout_s = 0.25 }`"
+    assert rows()["sources.obstacles"]["default"].startswith("`{ required = false, timeout_s = 0.25, ")
     assert rows()["motion.controller"]["type"] == "`field` or `field3d`"
 
 
