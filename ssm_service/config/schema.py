@@ -292,6 +292,71 @@ class SourcesConfig(Section, frozen=True, kw_only=True):
             raise ValueError("`target.required` must be false: a missing target only zeroes the command")
 
 
+class PlausibilityConfig(Section, frozen=True, kw_only=True):
+    """What cannot be true although it is in due form; each check is off where its first key is left out."""
+
+    joint_speed_factor: (
+        Annotated[
+            float,
+            _meta(
+                "a joint that seems to have moved faster than this many times its speed limit "
+                "since the message before stops (`implausible:joints`)",
+                ge=1.0,
+                le=10.0,
+            ),
+        ]
+        | None
+    ) = None
+    joint_tolerance_rad: Annotated[
+        float, _meta("what a joint's position may be off beside that", "rad or m", ge=0.0, le=1.0)
+    ] = 0.02
+    follow_window_s: (
+        Annotated[
+            float,
+            _meta(
+                "over this time the joints must have moved as this service's commands say, or it stops "
+                "(`implausible:joints`); only for a robot that nothing else moves",
+                "s",
+                gt=0.0,
+                le=10.0,
+            ),
+        ]
+        | None
+    ) = None
+    follow_delay_s: Annotated[
+        float, _meta("by how much the motion may lag behind the commands", "s", gt=0.0, le=10.0)
+    ] = 0.3
+    frozen_scans: (
+        Annotated[
+            int,
+            _meta(
+                "so many readings of one sensor in a row that are the same to the last digit stop "
+                "(`frozen:ranges`); only for sensors whose noise is above their resolution",
+                "scans",
+                ge=2,
+                le=100_000,
+            ),
+        ]
+        | None
+    ) = None
+    echo_margin_m: (
+        Annotated[
+            float,
+            _meta(
+                "a sensor that looks at something tracked and reads more than this beyond it stops "
+                "(`missing:ranges`)",
+                "m",
+                ge=0.0,
+                le=100.0,
+            ),
+        ]
+        | None
+    ) = None
+    hold_s: Annotated[
+        float, _meta("how long such a stop lasts after the last sign of it", "s", ge=0.0, le=60.0)
+    ] = 0.5
+
+
 class MotionConfig(Section, frozen=True, kw_only=True):
     """How targets become joint velocities ([Kang2022] (11)–(16) and Algorithm 1)."""
 
@@ -500,6 +565,9 @@ class RobotFile(Section, frozen=True, kw_only=True):
     )
     limits: Annotated[LimitsConfig, _meta("limits beside the URDF's")] = LimitsConfig()
     sources: Annotated[SourcesConfig, _meta("inputs")] = SourcesConfig()
+    plausibility: Annotated[
+        PlausibilityConfig, _meta("checks of inputs that are in due form; all off where left out")
+    ] = PlausibilityConfig()
     motion: Annotated[MotionConfig, _meta("from target to velocity")] = MotionConfig()
     default_profile: Annotated[str, _meta("profile used when `--profile` names none", None, min_length=1)]
     profiles: Annotated[dict[str, ProfileConfig], _meta("zone profiles by name", None, min_length=1)]

@@ -17,6 +17,7 @@ from .command import limited_velocity, separated_velocity, wanted_velocity, zone
 from .decision import Comparison, Decision
 from .evaluate import Evaluation, EvaluationInput, Evaluator
 from .inputs import Inputs
+from .plausibility import Plausibility
 from .ranges import RangeReader, RangeReading
 from .reaction import reaction_times
 from .separated import Limit, Separated
@@ -110,6 +111,7 @@ class Monitor:
         self._compared: tuple[object, object] = (None, None)
         self._comparison: Comparison | None = None
         self._evaluator: Evaluator | None = None
+        self._plausibility = Plausibility.of(robot, period_s, self.valid_for_s)
         self._steps = sensor_steps([ring.count for ring in robot.rings])
         self._velocity = np.zeros(len(robot.joint_names))
         self._tick = 0
@@ -131,7 +133,9 @@ class Monitor:
         sources = self.robot.config.file.sources
         by_separation = Zone.GREEN if separated is None else separated.zone
         now = assess(self.profile, sources, tuple(statuses.values()), seen, by_separation)
-        doubt = self._beside_perception(now, inputs)
+        doubt = max(
+            self._beside_perception(now, inputs), self._implausible(now, inputs, statuses, kinematics)
+        )
         momentary = max(now.zone, doubt)
         zone, beside = self._machine.step(momentary), self._beside.step(max(now.beside, doubt))
         if zone > momentary:
@@ -278,6 +282,21 @@ class Monitor:
             now.reasons.append("overrun")
             zone = max(zone, Zone.STOP if inputs.overrun_s > self.valid_for_s else Zone.YELLOW)
         return zone
+
+    def _implausible(
+        self,
+        now: Assessment,
+        inputs: Inputs,
+        statuses: dict[str, SourceStatus],
+        kinematics: Kinematics | None,
+    ) -> Zone:
+        """Return a stop where the inputs are in due form and cannot be true."""
+        if self._plausibility is None:
+            return Zone.GREEN
+        fresh = {name for name, status in statuses.items() if status.state is SourceState.FRESH}
+        words = self._plausibility.step(inputs, fresh, self._velocity, kinematics)
+        now.reasons.extend(words)
+        return Zone.STOP if words else Zone.GREEN
 
     def _command(
         self,
