@@ -62,7 +62,9 @@ class Connection:
         if self.session is None and not self._closed.is_set():
             self._opened.wait(timeout_s)
         if self._session is None:
-            raise NoServiceError(f"no service at {', '.join(self._connect) or self._file}: {self._trouble}")
+            # An attempt under way may still say what its trouble was, after the connection was closed.
+            trouble = "the connection was closed" if self._closed.is_set() else self._trouble
+            raise NoServiceError(f"no service at {', '.join(self._connect) or self._file}: {trouble}")
         return self._session
 
     def close(self) -> None:
@@ -70,7 +72,6 @@ class Connection:
         self._closed.set()
         with self._lock:
             session, self._session = self._session, None
-            self._trouble = "the connection was closed"
         if session is not None:
             close_session(session)
         if self._thread is not None:

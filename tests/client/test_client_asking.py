@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -153,3 +154,75 @@ def test_closing_before_anything_was_opened_ends_at_once():
     client.close()
     with pytest.raises(NoServiceError, match="closed"):
         client.robots()
+
+
+class Present:
+    """A connection with a session on which nobody answers, and tokens of robots."""
+
+    def __init__(self, *robots, closed=False):
+        self.robots, self.closed = robots, closed
+        self.session = self
+
+    def wait(self, _timeout_s):
+        return self
+
+    def get(self, key, **_options):
+        if key.endswith("/alive"):
+            if self.closed:
+                raise zenoh.ZError("closed")
+            tokens = [
+                SimpleNamespace(ok=SimpleNamespace(key_expr=f"ssm/{name}/alive")) for name in self.robots
+            ]
+            return [*tokens, SimpleNamespace(ok=None)]
+        return []
+
+    def liveliness(self):
+        return self
+
+
+@pytest.mark.parametrize(
+    ("there", "words"),
+    [
+        (Present(), "no robot's service is there"),
+        (Present("left", "right", "left"), r"there: left(,| and) right"),
+        (Present("left", "arm"), "its service is there, but did not answer in time"),
+        (Present("left", closed=True), "no robot's service is there"),
+    ],
+)
+def test_who_gets_no_answer_is_told_who_is_there(there, words):
+    with Client("arm", connect=(NOBODY,), timeout_s=0.06) as client:
+        client.connection = there
+        for question in (client.zone, client.health, client.config):
+            with pytest.raises(NoServiceError, match=f"nobody answered ssm/arm/.*; {words}; "):
+                question()
+
+
+def test_a_connection_that_is_closed_while_it_is_opened_keeps_nothing_open(monkeypatch):
+    opened = OpenedSession()
+    opening, go = threading.Event(), threading.Event()
+
+    def open_slowly(_config):
+        opening.set()
+        assert go.wait(10.0)
+        return opened
+
+    monkeypatch.setattr("ssm_service.client.connection.open_session", open_slowly)
+    connection = Connection((NOBODY,), None)
+    assert connection.session is None
+    assert opening.wait(10.0)
+    closing = threading.Thread(target=connection.close)
+    closing.start()
+    while not connection._closed.is_set():
+        pass
+    go.set()
+    closing.join(10.0)
+    assert opened.closed.wait(10.0)
+    assert connection.session is None
+
+
+class OpenedSession:
+    def __init__(self):
+        self.closed = threading.Event()
+
+    def close(self):
+        self.closed.set()
