@@ -1,0 +1,91 @@
+"""Shares of speed: their zones, levels of stopping and the scaling of a wanted motion, by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ssm_service.safety import Zone
+from ssm_service.safety.reaction import ReactionTime
+from ssm_service.safety.speeds import greatest_scaling, zone_of
+from ssm_service.safety.stopping import StoppingLevels
+
+LEVELS = StoppingLevels(
+    shares=np.array([0.25, 0.5, 1.0]), times=np.array([0.1, 0.2, 0.3]), gains=np.array([0.05, 0.1, 0.15])
+)
+
+
+@pytest.mark.parametrize(
+    ("share", "zone"),
+    [
+        (2.0, Zone.GREEN),
+        (1.0, Zone.GREEN),
+        (math.nextafter(1.0, 0.0), Zone.YELLOW),
+        (0.25, Zone.YELLOW),
+        (math.nextafter(0.25, 0.0), Zone.RED),
+        (math.ulp(0.0), Zone.RED),
+        (0.0, Zone.STOP),
+        (-0.1, Zone.STOP),
+        (math.nan, Zone.STOP),
+    ],
+)
+def test_the_edges_of_the_zones_belong_to_the_milder_one_but_standing_is_a_stop(
+    share: float, zone: Zone
+) -> None:
+    assert zone_of(share, 0.25) is zone
+
+
+@pytest.mark.parametrize(
+    ("share", "level"),
+    [(0.0, 0), (0.25, 0), (0.26, 1), (0.5, 1), (0.51, 2), (1.0, 2), (1.5, 2), (math.nan, 2)],
+)
+def test_a_share_counts_as_the_next_level_up_and_the_unknown_as_the_last(share: float, level: int) -> None:
+    assert LEVELS.level_at(share) == level
+
+
+def test_retreat_and_rest_are_never_slowed() -> None:
+    for closing in ([-0.5, -0.1], [0.0, -2.0], [0.0, 0.0]):
+        assert greatest_scaling(np.array(closing), 1.0, np.zeros((2, 3)), LEVELS) == 1.0
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+def test_a_closing_speed_that_is_no_number_stops(wrong: float) -> None:
+    assert greatest_scaling(np.array([wrong, -0.1]), 0.5, np.ones((2, 3)), LEVELS) == 0.0
+
+
+def test_the_pair_that_allows_least_counts_on_each_level_and_the_best_level_is_taken() -> None:
+    by_level = np.array([[0.4, 0.3, 0.2], [0.8, 0.5, 0.1]])
+    closing = np.array([1.0, 1.0])
+    # On the first level 0.4 of the motion, but with half of a joint's limit at most half of it may be used:
+    # s·0.5 ≤ 0.25. On the second min(0.3, 0.5), on the third min(0.2, 0.1).
+    assert greatest_scaling(closing, 0.5, by_level, LEVELS) == pytest.approx(0.4, abs=1e-9)
+    # With all of a joint's limit the first level holds up to a quarter; the second gives 0.3.
+    assert greatest_scaling(closing, 1.0, by_level, LEVELS) == pytest.approx(0.3, abs=1e-9)
+    # A pair that does not come closer has no say.
+    closing = np.array([1.0, -1.0])
+    assert greatest_scaling(closing, 0.0, by_level * [[1.0], [0.0]], LEVELS) == pytest.approx(0.4, abs=1e-9)
+
+
+def test_it_is_never_rounded_up_and_whole_where_there_is_room() -> None:
+    by_level = np.array([[0.1, 0.1, 0.1]])
+    for closing in np.linspace(0.11, 3.0, 500):
+        found = greatest_scaling(np.array([closing]), 0.0, by_level, LEVELS)
+        assert found * closing <= 0.1
+        assert found * closing == pytest.approx(0.1, rel=1e-9)
+    assert greatest_scaling(np.array([0.05]), 0.2, by_level, LEVELS) == 1.0
+    assert greatest_scaling(np.array([0.1]), 0.2, by_level, LEVELS) == 1.0
+
+
+def test_the_reaction_time_is_the_sum_of_all_terms() -> None:
+    time = ReactionTime(sensor_period=0.1, input_age=0.02, tick=0.004, transport=0.0008, robot=0.00016)
+    assert time.total == pytest.approx(0.12496, abs=1e-15)
+    assert time.terms() == {
+        "sensor_period": 0.1,
+        "input_age": 0.02,
+        "tick": 0.004,
+        "transport": 0.0008,
+        "robot": 0.00016,
+        "total": time.total,
+    }
