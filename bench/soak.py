@@ -175,8 +175,8 @@ def _load(run: Run) -> str:
     loads = sorted(sample["load"] for sample in run.events.get("sample", [])) or [0.0]
     cores = len(os.sched_getaffinity(0))
     return (
-        f"Load average: median {loads[len(loads) // 2]:.1f}, greatest {loads[-1]:.1f}, on {cores} cores. Much "
-        "above its own 2 to 3 it is other people's, and gaps say more of the machine than of the service."
+        f"Load average: median {loads[len(loads) // 2]:.1f}, greatest {loads[-1]:.1f}, on {cores} cores. "
+        "Much above 2 to 3 it is others' load, and gaps then say more of the machine than of the service."
     )
 
 
