@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ssm_service.safety import Zone
+from ssm_service.safety.closing import Closing
 from ssm_service.safety.reaction import ReactionTime
 from ssm_service.safety.speeds import greatest_scaling, zone_of
 from ssm_service.safety.stopping import StoppingLevels
@@ -89,3 +90,40 @@ def test_the_reaction_time_is_the_sum_of_all_terms() -> None:
         "robot": 0.00016,
         "total": time.total,
     }
+
+
+GRADIENTS = np.array([[0.5, -2.0], [9.0, 9.0], [-1.0, 0.25]])
+CORNERS = np.array([[[[3.0, 0.0], [0.0, 4.0], [0.0, 0.0]], [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]]])
+MIXED = Closing(gradients=GRADIENTS, undirected=np.array([False, True, False]), jacobians=CORNERS)
+
+
+def test_pairs_with_a_direction_close_along_it() -> None:
+    directed = Closing.directed(GRADIENTS)
+    assert not directed.undirected.any()
+    assert directed.undirected.shape == (3,)
+    np.testing.assert_allclose(directed.at(np.array([2.0, 1.0])), [-1.0, 27.0, -1.75])
+    np.testing.assert_allclose(directed.greatest(np.array([2.0, 1.0])), [3.0, 27.0, 2.25])
+
+
+def test_a_pair_without_a_direction_closes_as_fast_as_its_fastest_point_moves() -> None:
+    np.testing.assert_allclose(MIXED.at(np.array([1.0, 1.0])), [-1.5, 5.0, -0.75])
+    np.testing.assert_allclose(MIXED.at(np.array([0.0, -1.0])), [2.0, 4.0, -0.25])
+    np.testing.assert_allclose(MIXED.greatest(np.array([1.0, 2.0])), [4.5, 11.0, 1.5])
+    rng = np.random.default_rng(6)
+    limits = np.array([1.0, 2.0])
+    greatest = MIXED.greatest(limits)
+    for velocity in rng.uniform(-limits, limits, (200, 2)):
+        assert (MIXED.at(velocity) <= greatest + 1e-12).all()
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_one_pair_alone_is_as_among_the_others(index: int) -> None:
+    alone = MIXED.pair(index)
+    velocity = np.array([0.7, -0.4])
+    np.testing.assert_allclose(alone.at(velocity), MIXED.at(velocity)[index : index + 1])
+    np.testing.assert_allclose(alone.greatest(np.abs(velocity)), MIXED.greatest(np.abs(velocity))[[index]])
+    assert not np.shares_memory(alone.gradients, MIXED.gradients)
+
+
+def test_the_words_of_the_zones() -> None:
+    assert [zone.word for zone in Zone] == ["green", "yellow", "red", "stop"]
