@@ -21,7 +21,17 @@ import zenoh
 from ..errors import InputError, SsmError
 from ..model import Robot
 from ..monitor import Evaluator, JointSample, joint_sample, zone_profile
-from ..wire import Decoder, Keys, encoding_of, evaluate_message, frames_message, question_from, seal
+from ..wire import (
+    Decoder,
+    Keys,
+    SealedDecoder,
+    attachment_of,
+    encoding_of,
+    evaluate_message,
+    frames_message,
+    question_from,
+    seal,
+)
 from ..wire import messages as m
 from ..wire.convert import joints_value
 from ..wire.session import open_session, zenoh_config
@@ -65,12 +75,13 @@ class EvaluatingWorker:
         self._questions: Decoder[Any] = Decoder(list[msgspec.Raw], EVALUATE_LIMIT)
         self._question = Decoder(m.EvaluateInput, EVALUATE_LIMIT, explain=True)
         self._frames_request = Decoder(m.FramesRequest, explain=True)
-        self._joint_state = Decoder(m.JointState)
+        self._joint_state = SealedDecoder(m.JointState, keys.input("joints"))
+        self._sealed = self._robot.config.file.sources.joints.integrity == "crc"
         self._waiting: queue.Queue[tuple[str, zenoh.Query]] = queue.Queue(QUEUE_CAPACITY)
         # A callback, not a channel: the time of arrival counts, and a channel does not keep it.
-        self._arrived: deque[tuple[float, zenoh.ZBytes]] = deque(maxlen=ARRIVALS)
+        self._arrived: deque[tuple[float, zenoh.Sample]] = deque(maxlen=ARRIVALS)
         self._joints = session.declare_subscriber(
-            keys.input("joints"), lambda sample: self._arrived.append((time.monotonic(), sample.payload))
+            keys.input("joints"), lambda sample: self._arrived.append((time.monotonic(), sample))
         )
         self._queryables = [
             session.declare_queryable(key, partial(self._enqueue, name)) for name, key in self._keys.items()
@@ -150,11 +161,14 @@ class EvaluatingWorker:
 
     def _present_joints(self) -> JointSample:
         oldest = time.monotonic() - self._robot.config.file.sources.joints.timeout_s
-        for arrived, payload in reversed(list(self._arrived)):
+        for arrived, sample in reversed(list(self._arrived)):
             if arrived < oldest:
                 break
             try:
-                return joints_value(self._robot, self._joint_state.decode(payload.to_bytes()))
+                opened = self._joint_state.decode(
+                    sample.payload.to_bytes(), attachment_of(sample), required=self._sealed
+                )
+                return joints_value(self._robot, opened.message)
             except InputError:
                 continue  # counted where it matters, by the service
         raise InputError(

@@ -271,3 +271,46 @@ def test_polling_costs_little(client, pretended):
             break
     follower.close()
     assert sorted(durations)[len(durations) // 2] < 500_000
+
+
+@pytest.mark.parametrize(("fault", "cause"), [("corrupt", "corrupt"), ("no_crc", "missing_crc")])
+def test_what_is_changed_on_its_way_is_a_stop_and_a_latch_holds_it(pretended, endpoint, fault, cause):
+    service = pretended()
+    with Client("arm", connect=(endpoint,), latch=600.0) as client:
+        watching = Watching(client)
+        watching.until(valid)
+        service.wish(fault=fault)
+        word = {"corrupt": "corruption", "no_crc": "masquerade"}[fault]
+        _, stop = watching.until(said(f"latched:{word}"))
+        assert_standing_still(stop)
+        service.wish(fault=None)
+        assert all(said(f"latched:{word}")(followed) for followed in watching.during(0.3))
+        assert client.acknowledge().startswith(f"{word} on arm, ")
+        watching.until(valid)
+        assert client.acknowledge() is None
+        watching.stream.close()
+
+
+def test_a_client_without_a_latch_has_nothing_to_acknowledge(client):
+    assert client.acknowledge() is None
+
+
+def test_a_stream_sends_echoes_to_the_service_unless_told_not_to(pretended, endpoint):
+    pretended()
+    echoes = []
+    with Client("arm", connect=(endpoint,)) as client, Client("arm", connect=(endpoint,), echo=False) as mute:
+        session = client.connection.wait(5.0)
+        with session.declare_subscriber("ssm/arm/in/echo", lambda sample: echoes.append(sample)):
+            silent = Watching(mute)
+            silent.until(valid)
+            silent.during(0.3)
+            assert echoes == []
+            watching = Watching(client)
+            watching.until(valid)
+            watching.during(0.6)
+            silent.stream.close()
+            watching.stream.close()
+    first = json.loads(echoes[0].payload.to_string())
+    assert (first["service"], first["seq"]) == ("first", 0)
+    assert 2 <= len(echoes) <= 12
+    assert echoes[0].attachment.to_string().startswith("crc32=")

@@ -94,7 +94,7 @@ def test_shorter_messages_have_more():
         hamming_distance(0)
 
 
-@pytest.mark.parametrize("data_bits", [100, 1_000, 3_500, 20_000, 91_608, 8 * 65_536])
+@pytest.mark.parametrize("data_bits", [800, 1_000, 3_500, 20_000, 91_608, 8 * 65_536])
 def test_the_residual_error_is_bounded_and_rises_with_the_channels(data_bits):
     errors = [residual_error(data_bits, p) for p in (0.0, 1e-9, 1e-6, 1e-4, 1e-3, 1e-2, 0.5)]
     assert errors[0] == 0.0
@@ -105,11 +105,54 @@ def test_the_residual_error_is_bounded_and_rises_with_the_channels(data_bits):
 
 
 def test_the_residual_error_bounds_the_sum_over_all_weights():
-    for data_bits, p in ((3_500, 1e-5), (3_500, 2e-4), (500, 1e-3), (100, 5e-3)):
+    for data_bits, p in ((3_500, 1e-5), (3_500, 2e-4), (900, 1e-3), (800, 1.2e-3)):
         n, first = data_bits + 32, hamming_distance(data_bits)
         exact = SHARE * sum(math.comb(n, w) * p**w * (1.0 - p) ** (n - w) for w in range(first, first + 40))
         assert exact <= residual_error(data_bits, p) * (1 + 1e-9)
         assert residual_error(data_bits, p) < 1.3 * exact
+
+
+def patterns_of_four(n: int) -> int:
+    """Count the undetected patterns of 4 inverted bits in n: those with the last bit, times their places."""
+    x = remainders(n)[1:]
+    order = np.argsort(x ^ 1)
+    thirds, count = (x ^ 1)[order], 0
+    for index in range(1, len(x)):
+        sums = x[:index] ^ x[index]
+        places = np.minimum(np.searchsorted(thirds, sums), len(thirds) - 1)
+        highest = order[places[thirds[places] == sums]] + 1
+        count += int((n - highest[highest > index + 1]).sum())
+    return count
+
+
+def patterns_of_five(n: int) -> int:
+    """Likewise of 5: 1 + x^a + x^b = x^c + x^d, each found for its 6 choices of a and b."""
+    x = remainders(n)[1:]
+    a, b = np.triu_indices(len(x), 1)
+    sums = x[a] ^ x[b]
+    order = np.argsort(sums)
+    begin, end = (np.searchsorted(sums[order], sums ^ 1, side) for side in ("left", "right"))
+    count = 0
+    for index in np.nonzero(end > begin)[0]:
+        for other in order[begin[index] : end[index]]:
+            places = {a[index], b[index], a[other], b[other]}
+            count += int(n - 1 - max(places)) if len(places) == 4 else 0
+    return count // 6
+
+
+@pytest.mark.parametrize(
+    ("data_bits", "weight", "count"),
+    [(800, 5, patterns_of_five), (1_200, 5, patterns_of_five), (3_200, 4, patterns_of_four)],
+)
+def test_the_share_bounds_what_is_counted(data_bits, weight, count):
+    n = data_bits + 32
+    undetected = count(n)
+    assert 0 < undetected <= SHARE * math.comb(n, weight)
+
+
+def test_it_is_claimed_for_no_shorter_message_than_ours():
+    with pytest.raises(ValueError, match="at least 800"):
+        residual_error(799)
 
 
 @pytest.mark.parametrize("p", [-1e-9, 0.51, math.nan])
