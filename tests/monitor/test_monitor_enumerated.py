@@ -149,7 +149,10 @@ def alone(profile: ZoneProfile, config: SourcesConfig, now: Situation) -> Zone:
     if now.read:
         reading = RangeReading(
             nearest=nearest("ranges", now.seen_by_ranges),
+            ranges=np.full(8, np.inf),
             least={"forearm_link": 1.0},
+            bounds=(),
+            silent={},
             unseen=now.unseen,
             uncovered=now.uncovered,
             contradicted=now.contradicted,
@@ -172,6 +175,11 @@ def alone(profile: ZoneProfile, config: SourcesConfig, now: Situation) -> Zone:
     )
     made = assess(profile, config, statuses, seen)
     assert (made.zone is Zone.GREEN) == (not made.reasons), "every zone but green has its reason"
+    for separation in Zone:
+        beside = assess(profile, config, statuses, seen, separation)
+        assert beside.zone is max(made.zone, separation), "the separation never makes it milder"
+        assert beside.beside is made.zone
+        assert ("separation" in beside.reasons) == (separation is not Zone.GREEN)
     return made.zone
 
 
@@ -376,7 +384,7 @@ class Tick:
 
 STATES = (FRESH, ABSENT, STALE, INVALID)
 ECHOES = (np.inf, 1.0, 0.3, 0.1, 0.0)
-LATCHED = 1
+LATCHED = 2
 HEIGHTS = (6.0, 0.9, 0.3, 0.12, 0.0)
 """Of a ball above the forearm's ring [m]."""
 
