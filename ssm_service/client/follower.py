@@ -73,7 +73,8 @@ class Follower:
             self._attach()
             return self.watchdog.state(now)
         if not 0 <= gap <= self.watchdog.valid_for_ns:
-            self._start_over(now)  # what was held has expired as well, as it can only be older than the pause
+            # What was held has expired as well, as it can only be older than the pause.
+            self._start_over(self._trip, self._channels, now)
         self.watchdog.expire(now)
         if not self.watchdog.proved:
             self._prove(self._trip, now)
@@ -105,11 +106,12 @@ class Follower:
         self._trip = RoundTrip(session, self._keys.output("zone"))
         self._echoing = Echoing(session, self._keys) if self._echo else None
 
-    def _start_over(self, now: int) -> None:
+    def _start_over(
+        self, trip: RoundTrip, channels: tuple[Channel[m.Zone], Channel[m.VelocityCommand]], now: int
+    ) -> None:
         self.watchdog.forget()
-        if self._trip is not None:
-            self._trip.restart(now)
-        for channel in self._channels or ():
+        trip.restart(now)
+        for channel in channels:
             for _ in range(CAPACITY):
                 if _receive(channel) is None:
                     break

@@ -12,8 +12,9 @@ from ssm_service.client import Client, Follower
 from ssm_service.client.ask import ask
 from ssm_service.client.connection import Connection
 from ssm_service.client.roundtrip import RETRY_NS, TIMEOUT_NS, RoundTrip
-from ssm_service.errors import NoServiceError, ServiceError
+from ssm_service.errors import InputError, NoServiceError, ServiceError
 from ssm_service.wire import Keys
+from ssm_service.wire.integrity import seal
 
 NOBODY = "tcp/127.0.0.1:1"
 
@@ -226,3 +227,32 @@ class OpenedSession:
 
     def close(self):
         self.closed.set()
+
+
+def test_a_latch_of_the_clients_own_is_acknowledged_once():
+    with Client("arm", connect=(NOBODY,)) as client:
+        assert client.acknowledge() is None
+    with Client("arm", connect=(NOBODY,), latch=10.0) as client:
+        assert client.acknowledge() is None
+        watchdog = client.follower().watchdog
+        for _ in range(2):
+            watchdog.refuse(InputError("corrupt", "payload", "x", "y", fault="corruption"), 0)
+        assert watchdog.state(0).reasons == ("latched:corruption",)
+        said = client.acknowledge()
+        assert said is not None
+        assert said.startswith("corruption")
+        assert watchdog.state(0).reasons != ("latched:corruption",)
+
+
+def test_a_reset_is_answered_with_what_was_cleared():
+    payload = b'{"producer":"s","seq":3,"stamp_ns":0,"robot":"arm","cleared":"corruption on zone"}'
+    sealed = seal("ssm/arm/reset", "s", 3, payload)
+    answer = SimpleNamespace(
+        ok=SimpleNamespace(payload=Payload(payload), attachment=Payload(sealed)), err=None
+    )
+    with Client("arm", connect=(NOBODY,)) as client:
+        client.connection = Session([answer])
+        assert client.reset().cleared == "corruption on zone"
+        client.connection = Session([good(payload)])
+        with pytest.raises(ServiceError, match="malformed"):
+            client.reset()
