@@ -15,6 +15,8 @@ from ssm_service.monitor.reach import greatest_speed, lever_arms
 
 UR3 = Path(__file__).resolve().parents[2] / "robots" / "ur3.toml"
 V_H = 1.6
+REACTION = "robot_s = 0.1\ntransport_s = 0.02"
+OBSTACLES = "obstacles = { required = false, timeout_s = 0.25 }"
 
 ISO = """
 [profiles.iso.separation]
@@ -58,8 +60,23 @@ yellow = { distance_m = 90.0, joint_speed_rad_s = 1.5, speed_scaling = 0.5 }
 """
 
 
+def base() -> str:
+    """Return the UR3's file with reaction times of this test, and only the paper's profile."""
+    text = UR3.read_text(encoding="utf-8").partition("# S_p of")[0]
+    text, count = re.subn(r"robot_s = [\d.]+\ntransport_s = [\d.]+", REACTION, text)
+    assert count == 1
+    text, count = re.subn(r"obstacles = .*", OBSTACLES, text)
+    assert count == 2  # of the assumptions, and of the sources
+    return text.replace(OBSTACLES, 'obstacles = "one"', 1)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    return changed(tmp_path_factory.mktemp("ur3"))
+
+
 def changed(folder: Path, *changes: tuple[str, str], more: str = "") -> Robot:
-    text = UR3.read_text(encoding="utf-8")
+    text = base()
     for old, new in changes:
         assert text.count(old) == 1
         text = text.replace(old, new)
@@ -171,8 +188,7 @@ def test_slower_joints_stop_by_the_next_listed_speed(tmp_path):
 
 
 def test_of_two_required_sources_the_better_counts(tmp_path):
-    line = "obstacles = { required = false, timeout_s = 0.25 }"
-    robot = changed(tmp_path, (line, line.replace("false", "true")))
+    robot = changed(tmp_path, (OBSTACLES, OBSTACLES.replace("false", "true")))
     assert "T_r = 0.122 s, T_s = 0.159 s)" in said(robot)["profiles.kang2022.red"]
 
 
@@ -196,7 +212,7 @@ def test_silence_is_held_against_the_range(robot, tmp_path):
 def test_nothing_is_said_of_blind_spots_that_the_zone_itself_answers_for(tmp_path):
     robot = changed(tmp_path, ('uncovered = "off"', 'uncovered = "yellow"'))
     assert "silence promises" not in said(robot)["rings[0]"]
-    bare = UR3.read_text().partition("# The paper's scene")[2].partition("# Category 0")[0]
+    bare = base().partition("# The paper's scene")[2].partition("# Category 0")[0]
     robot = changed(tmp_path, ('uncovered = "off"', 'uncovered = "yellow"'), (bare, "\n"))
     assert "silence promises" in said(robot)["rings[0]"]
 
