@@ -8,10 +8,12 @@ from typing import Any, Final
 
 from .faults_bounds import Bounds
 from .faults_judge import (
+    Before,
     before,
     events,
     first_event,
     milliseconds,
+    moving_at,
     reasons_of,
     rejections,
     result,
@@ -19,6 +21,8 @@ from .faults_judge import (
 )
 from .faults_rig import Event, Rig
 from .faults_sensors import SOURCE, SPOILT
+
+RECOVERY_S = 20.0
 
 LIES: Final = ("frozen:", "stuck_far:", "silence", "dead:sensor")
 """What is plausible of itself: believing it is all that a service with one sensor can do."""
@@ -31,8 +35,8 @@ EXPECTED: Final[dict[str, tuple[str, str]]] = {
     "frozen:sensor": ("frozen:ranges", "frozen"),
     "stuck_far:scan": ("disagree", "red"),
     "stuck_far:sensor": ("disagree", "red"),
-    "silence": ("disagree", "red"),
-    "dead:sensor": ("disagree", "red"),
+    "silence": ("missing:ranges", "refused"),
+    "dead:sensor": ("missing:ranges", "refused"),
     "dead:ranges": ("stale:ranges", "stale"),
     "dead:all": ("stale:joints", "stale"),
     "jump": ("implausible:joints", "refused"),
@@ -54,7 +58,7 @@ def inject(rig: Rig, bounds: Bounds, name: str, rng: random.Random) -> dict[str,
     bound = _bound(bounds, name, kind)
     number = rig.inject("plant", fault=name, for_ms=max(bound or 0.0, 120.0) + 40.0)
     done = rig.done("plant", number, 10.0)
-    if done is None or not done["hit"]:
+    if done is None or not done["hit"] or not moving_at(rig, start, done["first_ns"]):
         return result("input", name, SOURCE[name], begun=begun, void=True)
     least = ("red", "stop") if kind in ("red", "frozen") else ("stop",)
 
@@ -64,7 +68,7 @@ def inject(rig: Rig, bounds: Bounds, name: str, rng: random.Random) -> dict[str,
     stop = first_event(rig, start, done["first_ns"], 0.3, severe)
     time.sleep(0.02)
     found = events(rig, start)
-    causes = rejections(start.health, rig.health(), SOURCE[name])
+    causes = _counted(rig, start, name, done["hit"])
     took = milliseconds(stop, done["first_ns"])
     words = reasons_of(found, done["first_ns"])
     noticed = name in HARMLESS or stop is not None
@@ -84,8 +88,19 @@ def inject(rig: Rig, bounds: Bounds, name: str, rng: random.Random) -> dict[str,
         bound_ms=bound,
         late=bool(took is not None and bound is not None and took > bound),
         wrong=wrong(found, rig.processes["plant"].since(start.plant), allowed=_lies(name)),
-        recovered=rig.calm(5.0),
+        recovered=rig.calm(RECOVERY_S),
     )
+
+
+def _counted(rig: Rig, start: Before, name: str, hit: int) -> dict[str, int]:
+    """Return the refusals by cause; those of the last messages may still be on their way."""
+    causes: dict[str, int] = {}
+    for _ in range(10 if name in SPOILT else 1):
+        causes = rejections(start.health, rig.health(), SOURCE[name])
+        if sum(causes.values()) >= hit:
+            break
+        time.sleep(0.02)
+    return causes
 
 
 def _lies(name: str) -> Any:

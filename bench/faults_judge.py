@@ -47,26 +47,17 @@ def before(rig: Rig, timeout_s: float = CALM_S) -> Before:
         NotCalmError: It does not become calm.
     """
     if not rig.calm(timeout_s):
-        raise NotCalmError(f"no motion within {timeout_s:g} s: {last(rig, 'watch')}, {last(rig, 'plant')}")
+        raise NotCalmError(f"no motion within {timeout_s:g} s: {rig.last('watch')}, {rig.last('plant')}")
     health = rig.health()
-    newest = last(rig, "watch")
+    newest = rig.last("watch")
     return Before(
         watch=rig.processes["watch"].count,
         plant=rig.processes["plant"].count,
         health=health,
         rejected=dict(newest.get("rejected", {})),
-        robot_rejected=dict(last(rig, "plant").get("rejected", {})),
+        robot_rejected=dict(rig.last("plant").get("rejected", {})),
         lost=int(newest.get("lost", 0)),
     )
-
-
-def last(rig: Rig, role: str) -> Event:
-    """Return the newest event of a role that says what holds."""
-    process = rig.processes[role]
-    for event in reversed(process.since(process.count - 20)):
-        if "zone" in event:
-            return event
-    return {}
 
 
 def rejections(start: m.Health | None, end: m.Health | None, source: str) -> dict[str, int]:
@@ -78,13 +69,13 @@ def rejections(start: m.Health | None, end: m.Health | None, source: str) -> dic
 
 def consumer_rejections(rig: Rig, start: Before) -> dict[str, int]:
     """Return the same of the consumer."""
-    new = last(rig, "watch").get("rejected", {})
+    new = rig.last("watch").get("rejected", {})
     return _more(new, start.rejected)
 
 
 def robot_rejections(rig: Rig, start: Before) -> dict[str, int]:
     """Return the same of the robot's own watchdog."""
-    return _more(last(rig, "plant").get("rejected", {}), start.robot_rejected)
+    return _more(rig.last("plant").get("rejected", {}), start.robot_rejected)
 
 
 def _more(new: dict[str, int], old: dict[str, int]) -> dict[str, int]:
@@ -152,6 +143,13 @@ def reasons_of(found: list[Event], from_ns: int, until_ns: int | None = None) ->
         if event["t"] >= from_ns and (until_ns is None or event["t"] <= until_ns):
             words.update(event["reasons"])
     return sorted(words)
+
+
+def moving_at(rig: Rig, start: Before, at_ns: int) -> bool:
+    """Tell whether the consumer was told to go on when the fault began: otherwise nothing is learnt."""
+    held = [event for event in rig.processes["watch"].since(start.watch) if "zone" in event]
+    earlier = [event for event in held if event["t"] < at_ns]
+    return not earlier or (earlier[-1]["zone"] != "stop" and earlier[-1]["moves"])
 
 
 def milliseconds(event: Event | None, from_ns: int) -> float | None:

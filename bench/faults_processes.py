@@ -22,6 +22,7 @@ from .faults_judge import (
     first_event,
     first_stop,
     milliseconds,
+    moving_at,
     reasons_of,
     result,
     wrong,
@@ -42,6 +43,9 @@ def inject(rig: Rig, bounds: Bounds, name: str, rng: random.Random) -> Injected:
     start = before(rig, RESTART_S)
     time.sleep(rng.uniform(0.0, 0.02))
     what = FAULTS[name](rig, bounds, start)
+    if name != "kill:watch" and not moving_at(rig, start, what["from_ns"]):
+        rig.calm(RESTART_S)
+        return result("process", name, "", begun=begun, void=True)
     # The plant's events are only comparable while it is the same process.
     plant = [] if name == "kill:plant" else rig.processes["plant"].since(start.plant)
     found = [] if name == "kill:watch" else events(rig, start)

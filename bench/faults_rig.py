@@ -288,17 +288,21 @@ class Rig:
         except SsmError:
             return None
 
+    def last(self, role: str) -> Event:
+        """Return the newest event of a role that says what holds."""
+        process = self.processes[role]
+        for event in reversed(process.since(process.count - 50)):
+            if "zone" in event:
+                return event
+        return {}
+
     def calm(self, timeout_s: float, settle_s: float = 0.03) -> bool:
         """Wait until the consumer and the robot are told to go on, and have been for ``settle_s``."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
-            last = [self.processes[role].since(self.processes[role].count - 1) for role in ("watch", "plant")]
-            if all(
-                events and "zone" in events[0] and events[0]["zone"] != "stop" and events[0]["moves"]
-                for events in last
-            ):
-                newest = max(events[0]["t"] for events in last)
-                left = settle_s - (time.monotonic_ns() - newest) * 1e-9
+            held = [self.last("watch"), self.last("plant")]
+            if all(event.get("zone", "stop") != "stop" and event["moves"] for event in held):
+                left = settle_s - (time.monotonic_ns() - max(event["t"] for event in held)) * 1e-9
                 if left <= 0.0:
                     return True
                 time.sleep(left)

@@ -17,8 +17,8 @@ from .faults_judge import (
     consumer_rejections,
     events,
     first_stop,
-    last,
     milliseconds,
+    moving_at,
     reasons_of,
     rejections,
     result,
@@ -34,6 +34,9 @@ PATTERNS = ("single", "burst", "sustained")
 BURST = 5
 MARGIN_S = 0.25
 """How much longer than the bound is waited for a stop, so that a late one is seen and counted as late [s]."""
+
+RECOVERY_S = 20.0
+"""How long is waited for the recovery; on a quiet machine it takes some tens of milliseconds [s]."""
 
 REPLACING = ("corruption", "loss", "delay")
 """Faults that take good messages away."""
@@ -95,7 +98,7 @@ def inject(rig: Rig, bounds: Bounds, shot: Shot, rng: random.Random) -> dict[str
         "chaos", lane=shot.lane, fault=shot.fault, count=count, for_ms=for_ms, delay_ms=delay_ms
     )
     done = rig.done("chaos", number, 5.0)
-    if done is None or not done["hit"]:
+    if done is None or not done["hit"] or not moving_at(rig, start, done["first_ns"]):
         return result("wire", shot.fault, shot.cell, begun=begun, void=True)
     due, bound = _due(bounds, shot)
     wait = (
@@ -121,7 +124,7 @@ def inject(rig: Rig, bounds: Bounds, shot: Shot, rng: random.Random) -> dict[str
         bound_ms=bound if due else None,
         late=bool(due and (took is None or took > bound)),
         wrong=_wrong(rig, start),
-        recovered=rig.calm(5.0),
+        recovered=rig.calm(RECOVERY_S),
     )
 
 
@@ -167,6 +170,8 @@ def _noticed(rig: Rig, start: Before, shot: Shot, done: dict[str, Any]) -> tuple
             break
         time.sleep(0.02)
     noticed = min(sum(causes.values()), done["hit"])
+    if shot.lane in OUTWARD and noticed:
+        return done["hit"], causes  # after a pause of its own, a consumer drops what waits without reading it
     if noticed < done["hit"] and shot.fault in ("loss", "delay"):
         words = reasons_of(events(rig, start), done["first_ns"])
         said = [word for word in words if word.startswith(("stale:", "unproved"))]
@@ -178,7 +183,7 @@ def _noticed(rig: Rig, start: Before, shot: Shot, done: dict[str, Any]) -> tuple
 def _counted(rig: Rig, start: Before, shot: Shot) -> dict[str, int]:
     if shot.lane in OUTWARD:
         causes = consumer_rejections(rig, start)
-        missed = int(last(rig, "watch").get("lost", 0)) - start.lost
+        missed = int(rig.last("watch").get("lost", 0)) - start.lost
         return causes | ({"lost": missed} if missed > 0 else {})
     health = rig.health()
     causes = rejections(start.health, health, shot.lane)
@@ -201,7 +206,7 @@ def _inject_reply(rig: Rig, bounds: Bounds, shot: Shot, start: Before, begun: fl
     silent = rig.inject("chaos", lane="zone", fault="loss", count=10**6, for_ms=silence_ms)
     cut = rig.done("chaos", silent, 5.0)
     done = rig.done("chaos", number, 5.0)
-    if done is None or cut is None or not done["hit"]:
+    if done is None or cut is None or not done["hit"] or not moving_at(rig, start, cut["first_ns"]):
         return result("wire", shot.fault, shot.cell, begun=begun, void=True)
     due, bound = shot.fault in REPLACING, bounds.watchdog_ms()
     stop = first_stop(rig, start, cut["first_ns"], MARGIN_S)
@@ -213,7 +218,8 @@ def _inject_reply(rig: Rig, bounds: Bounds, shot: Shot, start: Before, begun: fl
     ]
     causes = Counter(consumer_rejections(rig, start)) + Counter(robot_rejections(rig, start))
     took = milliseconds(stop, cut["first_ns"])
-    noticed = min(sum(causes.values()), done["hit"])
+    words = reasons_of(found, done["first_ns"])
+    noticed = done["hit"] if causes or "duplicate:service" in words else 0
     if shot.fault in ("loss", "delay"):
         noticed = 0 if early else done["hit"]
     return result(
@@ -223,14 +229,14 @@ def _inject_reply(rig: Rig, bounds: Bounds, shot: Shot, start: Before, begun: fl
         begun=begun,
         messages=done["hit"],
         noticed=noticed,
-        by=dict(causes) or {"stop held": 1},
-        reasons=reasons_of(found, done["first_ns"]),
+        by=dict(causes) or ({"duplicate:service": 1} if "duplicate:service" in words else {"stop held": 1}),
+        reasons=words,
         stop_due=due,
         stop_ms=took,
         bound_ms=bound,
         late=took is None or took > bound,
         wrong=_wrong(rig, start) + (["went on without a proof"] if due and early else []),
-        recovered=rig.calm(5.0),
+        recovered=rig.calm(RECOVERY_S),
     )
 
 
