@@ -10,6 +10,9 @@ import pytest
 import zenoh
 from security_kit import Process, free_port
 
+from ssm_service.errors import ConfigError
+from ssm_service.service import ServiceOptions, run_service
+
 RUN = [sys.executable, "-m", "ssm_service.cli", "run"]
 WEAK_TLS = """{
   mode: "router",
@@ -18,23 +21,20 @@ WEAK_TLS = """{
 }"""
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["--listen", "tcp/0.0.0.0:7447"], "--listen"),
-        (["--connect", "tcp/192.0.2.1:7447"], "--connect"),
-        (["--zenoh-config", "FILE"], "enable_mtls"),
-    ],
-)
-def test_the_service_refuses_to_be_open_to_all(tmp_path, words, says):
+def test_the_service_refuses_to_be_open_to_all():
+    done = subprocess.run([*RUN, "--listen", "tcp/0.0.0.0:7447"], capture_output=True, text=True, timeout=100)
+    assert done.returncode == 2
+    for words in ("--listen", "tcp/0.0.0.0:7447, without TLS", "--insecure", "ssm keys init"):
+        assert words in done.stderr
+
+
+def test_it_reads_what_it_dials_and_what_a_file_says(tmp_path):
     file = tmp_path / "weak.json5"
     file.write_text(WEAK_TLS)
-    command = [*RUN, *(str(file) if word == "FILE" else word for word in words)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
-    assert done.returncode == 2
-    assert says in done.stderr
-    assert "--insecure" in done.stderr
-    assert "ssm keys init" in done.stderr
+    with pytest.raises(ConfigError, match=r"--connect: found 'tcp/192\.0\.2\.1:7447, without TLS'"):
+        run_service(ServiceOptions(connect=("tcp/192.0.2.1:7447",)), print)
+    with pytest.raises(ConfigError, match=r"weak\.json5: listen/endpoints: .*enable_mtls is not true"):
+        run_service(ServiceOptions(zenoh_config=file), print)
 
 
 def test_told_to_be_insecure_it_says_so_in_every_health(tmp_path):

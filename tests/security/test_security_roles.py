@@ -99,3 +99,10 @@ def test_a_question_of_another_role_is_not_passed_on(robot: Robot, watch: Watch,
 
 def liveliness(session: zenoh.Session) -> list[zenoh.Sample]:
     return [one.ok for one in session.liveliness().get("ssm/*/alive", timeout=2.0) if one.ok is not None]
+
+
+@pytest.mark.parametrize(("member", "heard"), [("commander-ur3", 1), ("viewer-ur3", 0), ("driver-ur3", 0)])
+def test_only_a_commander_acknowledges_a_latched_stop(robot: Robot, member, heard):
+    with robot.open(member) as session:
+        assert len(list(session.get("ssm/ur3/reset", timeout=3.0))) == heard
+        assert len(answers(session, "ssm/ur3/separation")) == 1
