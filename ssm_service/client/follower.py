@@ -118,9 +118,10 @@ class Follower:
 
     def _prove(self, trip: RoundTrip, now: int) -> None:
         try:
-            answers = trip.step(now)
+            answers = trip.step(now, self.heard)
             if answers is None:
                 return
+            answers.check()
             if len({zone.producer for zone in answers.zones}) > 1:
                 self.watchdog.duplicate(now)
             self.watchdog.prove(answers.zones[0], answers.asked_ns)

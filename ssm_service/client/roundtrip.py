@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import zenoh
 
 from ..errors import InputError
+from ..wire import Heard
 from ..wire import messages as m
 from .accept import OutputDecoder
 
@@ -27,10 +28,24 @@ class Answers:
     Attributes:
         zones: One or more answers.
         asked_ns: A time [ns] before the query was sent.
+        heard: The newest tick that had been heard by then.
     """
 
     zones: tuple[m.Zone, ...]
     asked_ns: int
+    heard: Heard | None = None
+
+    def check(self) -> None:
+        """Refuse an answer that is older than what was heard before the question: it answers another one.
+
+        Raises:
+            InputError: ``old_seq``.
+        """
+        heard = self.heard
+        for zone in self.zones:
+            if heard is not None and zone.producer == heard.producer and zone.seq < heard.seq:
+                allowed = f"{heard.seq}, which was heard before the question, or above"
+                raise InputError("old_seq", "seq", zone.seq, allowed, fault="repetition")
 
 
 class RoundTrip:
@@ -47,6 +62,7 @@ class RoundTrip:
         self._decoder = OutputDecoder(m.Zone, key)
         self._replies: zenoh.Handler[zenoh.Reply] | None = None
         self._asked_ns = 0
+        self._heard: Heard | None = None
         self._next_ns = 0
 
     def restart(self, now_ns: int) -> None:
@@ -54,21 +70,26 @@ class RoundTrip:
         self._replies = None
         self._next_ns = now_ns
 
-    def step(self, now_ns: int) -> Answers | None:
+    def step(self, now_ns: int, heard: Heard | None = None) -> Answers | None:
         """Ask if it is time to, or see what has been answered.
+
+        Args:
+            now_ns: The time now.
+            heard: The newest tick that was heard so far.
 
         Raises:
             InputError: An answer is malformed.
         """
         if self._replies is None:
             if now_ns >= self._next_ns:
+                self._heard = heard
                 self._ask(now_ns)
             return None
         zones = self._read(self._replies)
         if zones:
             self._replies = None
             self._next_ns = now_ns + PAUSE_NS
-            return Answers(zones=zones, asked_ns=self._asked_ns)
+            return Answers(zones=zones, asked_ns=self._asked_ns, heard=self._heard)
         if now_ns - self._asked_ns > TIMEOUT_NS:
             self._replies = None
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 import zenoh
 
@@ -13,7 +14,8 @@ from ssm_service.client.ask import ask
 from ssm_service.client.connection import Connection
 from ssm_service.client.roundtrip import RETRY_NS, TIMEOUT_NS, RoundTrip
 from ssm_service.errors import InputError, NoServiceError, ServiceError
-from ssm_service.wire import Keys
+from ssm_service.wire import Heard, Keys, encoding_of
+from ssm_service.wire import messages as m
 from ssm_service.wire.integrity import seal
 
 NOBODY = "tcp/127.0.0.1:1"
@@ -136,6 +138,42 @@ def test_a_query_that_nobody_ends_is_given_up_in_time():
     assert len(session.asked) == 1
     trip.step(TIMEOUT_NS + 2)
     assert len(session.asked) == 2
+
+
+def test_what_was_heard_before_the_question_goes_with_its_answer():
+    payload = msgspec.json.encode(a_zone(seq=5))
+    answer = SimpleNamespace(
+        kind=zenoh.SampleKind.PUT,
+        encoding=encoding_of(m.Zone),
+        payload=SimpleNamespace(to_bytes=lambda: payload),
+        attachment=SimpleNamespace(to_bytes=lambda: seal("ssm/arm/zone", "p", 5, payload)),
+    )
+    trip = RoundTrip(Session(Replies(SimpleNamespace(ok=answer, err=None))), "ssm/arm/zone")
+    assert trip.step(0, Heard("p", 7)) is None
+    answers = trip.step(1, Heard("p", 9))
+    assert (answers.heard, [zone.seq for zone in answers.zones]) == (Heard("p", 7), [5])
+    with pytest.raises(InputError, match="heard before the question"):
+        answers.check()
+
+
+def a_zone(seq):
+    return m.Zone(
+        producer="p",
+        seq=seq,
+        stamp_ns=0,
+        valid_for_ns=1,
+        robot="arm",
+        profile="test",
+        zone="green",
+        distance=None,
+        name=["a"],
+        speed_limit=[1.0],
+        speed_scaling=1.0,
+        nearest=None,
+        sources={},
+        reaction=None,
+        reasons=[],
+    )
 
 
 def test_a_follower_without_a_session_says_stop_and_can_be_closed():

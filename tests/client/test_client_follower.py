@@ -62,15 +62,16 @@ class Channel:
 class Trip:
     def __init__(self):
         self.answers = None
+        self.heard = None
         self.asked = 0
         self.restarts = 0
 
     def restart(self, _now):
         self.restarts += 1
 
-    def step(self, now):
+    def step(self, now, heard):
         self.asked += 1
-        return self.answers and Answers(zones=self.answers, asked_ns=now)
+        return self.answers and Answers(zones=self.answers, asked_ns=now, heard=self.heard)
 
 
 class Bench:
@@ -268,3 +269,26 @@ def test_nothing_is_echoed_before_anything_was_heard_or_once_the_session_is_clos
     echoing.follower.close()
     assert session.undeclared
     echoing.follower.close()
+
+
+def test_an_answer_that_is_older_than_what_was_heard_before_the_question_proves_nothing(bench):
+    bench.follower.watchdog.forget()
+    bench.trip.heard = Heard("p", 11)
+    bench.trip.answers = (zone(10),)
+    bench.send(12)
+    assert bench.follower.poll(2 * MS).stopped_by_consumer
+    assert not bench.follower.watchdog.proved
+    assert bench.follower.watchdog.rejected == {"old_seq": 1}
+    assert bench.follower.watchdog.integrity_errors == {"repetition": 1}
+    bench.trip.answers = (zone(12),)
+    bench.send(13)
+    assert bench.follower.poll(4 * MS).zone_message.seq == 13
+
+
+@pytest.mark.parametrize("heard", [None, Heard("p", 10), Heard("another", 99)])
+def test_an_answer_as_new_as_what_was_heard_or_of_a_new_service_proves_the_ages(bench, heard):
+    bench.follower.watchdog.forget()
+    bench.trip.heard = heard
+    bench.trip.answers = (zone(10),)
+    bench.follower.poll(2 * MS)
+    assert bench.follower.watchdog.proved
