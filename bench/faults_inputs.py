@@ -65,13 +65,16 @@ def inject(rig: Rig, bounds: Bounds, name: str, rng: random.Random) -> dict[str,
     def severe(event: Event) -> bool:
         return event["zone"] in least and (not word or word in event["reasons"])
 
-    stop = first_event(rig, start, done["first_ns"], 0.3, severe)
+    stop = named = first_event(rig, start, done["first_ns"], 0.3, severe)
+    if bound is not None and (milliseconds(named, done["first_ns"]) or bound) >= bound:
+        # The word came late or not at all: a stop of another reason may have been there in time.
+        stop = first_event(rig, start, done["first_ns"], 0.0, lambda event: event["zone"] in least)
     time.sleep(0.02)
     found = events(rig, start)
     causes = _counted(rig, start, name, done["hit"])
     took = milliseconds(stop, done["first_ns"])
     words = reasons_of(found, done["first_ns"])
-    noticed = name in HARMLESS or stop is not None
+    noticed = name in HARMLESS or named is not None
     if kind == "refused" and name in SPOILT:
         noticed = sum(causes.values()) >= done["hit"]
     return result(
