@@ -291,6 +291,9 @@ class TestEchoes:
 
     def test_a_forged_one_can_only_raise_it(self, robot: Robot) -> None:
         service = Echoed(robot)
+        service.echo(0, tick=10, held_ms=10**6, producer="forger")
+        assert service.transport(110) == 0.0
+        assert service.channels.echoes.transport_s(service.begin + 110 * MS) == {"forger": 0.0}
         service.echo(0, tick=10)
         assert service.transport(120) == pytest.approx(20)
         for seq, held in enumerate((10**6, 0.0, 2**62 / MS), start=1):
