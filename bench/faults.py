@@ -150,41 +150,48 @@ def _say(text: str) -> None:
 
 
 def run(arguments: argparse.Namespace, results: Results) -> None:
-    """Make all injections: two rigs side by side, then alone what would touch another rig."""
-    wire, process = arguments.injections, arguments.processes
+    """Make all injections: three rigs side by side, then alone what would touch another rig."""
     wanted = {
-        group: missing(tasks(group, wire, process, arguments.seed), results)
+        group: [task for task in _wanted(arguments, results, group) if _chosen(task, arguments)]
         for group in arguments.only
         if group != "memory"
     }
-    if arguments.faults:
-        wanted = {
-            group: [task for task in found if task.fault in arguments.faults]
-            for group, found in wanted.items()
-        }
     by_process = wanted.get("process", [])
+    alone = [task for task in by_process if task.fault in ALONE]
+    usual = arguments.profile
     lanes = [
-        [*wanted.get("wire", []), *wanted.get("input", [])],
-        [task for task in by_process if task.fault not in ALONE],
+        [(wanted.get("wire", []), usual)],
+        [([task for task in by_process if task.fault not in ALONE], usual)],
+        [(wanted.get("input", []), usual), (wanted.get("latch", []), "latched")],
     ]
-    if sum(map(len, lanes)) < FEW:
-        lanes = [[*lanes[0], *lanes[1]]]
+    if sum(len(todo) for lane in lanes for todo, _ in lane) < FEW:
+        together = [task for lane in lanes for todo, profile in lane if profile == usual for task in todo]
+        lanes = [[(together, usual), lanes[2][1]]]
     threads = [
-        threading.Thread(target=work, args=(todo, arguments.profile, arguments.seed + index, results))
-        for index, todo in enumerate(lanes)
-        if todo
+        threading.Thread(target=_work_through, args=(lane, arguments.seed + index, results))
+        for index, lane in enumerate(lanes)
     ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    alone = [task for task in by_process if task.fault in ALONE]
-    for todo, profile in ((wanted.get("latch", []), "latched"), (alone, arguments.profile)):
-        if todo:
-            work(todo, profile, arguments.seed, results)
+    work(alone, usual, arguments.seed, results)
     if "memory" in arguments.only and not any(line["group"] == "memory" for line in results.lines):
         for line in faults_memory.measure(arguments.in_process, arguments.seed):
             results.add(line)
+
+
+def _wanted(arguments: argparse.Namespace, results: Results, group: str) -> list[Task]:
+    return missing(tasks(group, arguments.injections, arguments.processes, arguments.seed), results)
+
+
+def _chosen(task: Task, arguments: argparse.Namespace) -> bool:
+    return not arguments.faults or task.fault in arguments.faults
+
+
+def _work_through(lane: list[tuple[list[Task], str]], seed: int, results: Results) -> None:
+    for todo, profile in lane:
+        work(todo, profile, seed, results)
 
 
 def _arguments() -> argparse.Namespace:

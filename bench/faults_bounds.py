@@ -29,7 +29,8 @@ last tick below τ is published within V, arrives within T and holds for V.
 W + L until enough is known, and, where the arm has just turned, L + W/2 until every window is past the turn.
 'paused' (the consumer itself stood still): T + p, T for the system to let it run again. What it held has \
 expired, and is proved anew before anything else is held.
-'starved' (nobody runs): the length of the starvation + T + 2V + p.\
+'starved' (nobody runs): the length of the starvation, then as 'refused', T of it for the system to let \
+the consumer run again.\
 """
 
 
@@ -101,4 +102,4 @@ class Bounds:
 
     def starved_ms(self, seconds: float) -> float:
         """See ``FORMULAS``."""
-        return 1e3 * (seconds + self.transport_s + 2 * self.valid_for_s + POLL_S)
+        return 1e3 * seconds + self.refused_ms()

@@ -164,7 +164,7 @@ def kill_evaluate(rig: Rig, bounds: Bounds, start: Before) -> Injected:
 
 def _service_stops(rig: Rig, start: Before, from_ns: int) -> bool:
     """Tell whether the service ordered a stop that no hiccup of this machine explains."""
-    hiccups = ("overrun", "recovering", "stale:", "invalid:")
+    hiccups = ("overrun", "recovering", "stale:", "invalid:", "implausible:")
     for event in events(rig, start):
         ordered = event["t"] >= from_ns and event["zone"] == "stop" and not event["own"]
         if ordered and not any(word.startswith(hiccups) for word in event["reasons"]):

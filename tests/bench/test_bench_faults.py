@@ -98,7 +98,7 @@ def test_the_bounds_are_those_of_their_formulas():
         timeout = getattr(file.sources, name).timeout_s
         assert bounds.stale_ms(name) == pytest.approx(1e3 * (timeout + way + 2 * valid + look))
     assert bounds.watchdog_ms() == pytest.approx(1e3 * (way + valid + look))
-    assert bounds.starved_ms(0.25) == pytest.approx(bounds.watchdog_ms() + 250.0 + 1e3 * valid)
+    assert bounds.starved_ms(0.25) == pytest.approx(bounds.refused_ms() + 250.0)
 
 
 def test_every_fault_is_made_as_often_as_asked():
