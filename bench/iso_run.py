@@ -228,13 +228,26 @@ def plain_distance(robot: Robot) -> float:
     return fixed + person + max(ARM_SPEEDS_M_S) * (reaction + float(levels.gains[-1]))
 
 
+@cache
+def _monitor(number: int, profile: str) -> Monitor:
+    return Monitor(robots()[number][0], profile=profile, period_s=PERIOD_S)
+
+
+def monitor_of(number: int, profile: str) -> Monitor:
+    """Return a robot's monitor as if it were new: nothing was known for longer than a zone lasts."""
+    monitor = _monitor(number, profile)
+    for _ in range(monitor.profile.config.recovery_ticks + 1):
+        monitor.step(Inputs())
+    return monitor
+
+
 def run(piece: Piece) -> Result:
     """Run one variant under one profile until the cycle of targets is done, or the time over."""
     rng = np.random.default_rng([piece.seed, SCENARIOS.index(piece.scenario), piece.number])
     number = int(rng.integers(len(ARM_SPEEDS_M_S)))
     robot, watch = robots()[number]
     task = variant(robot, piece.scenario, rng)
-    world, monitor = World(robot, task), Monitor(robot, profile=piece.profile, period_s=PERIOD_S)
+    world, monitor = World(robot, task), monitor_of(number, piece.profile)
     result, pending = Result(piece=piece), np.zeros(len(robot.joint_names))
     joints: Held[JointSample] = Held()
     obstacles: Held[tuple[Obstacle, ...]] = Held()
