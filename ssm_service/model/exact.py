@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import coal
@@ -47,6 +48,11 @@ class Measured:
     normal: NDArray[np.float64] | None
 
 
+@lru_cache(maxsize=256)
+def _surface(part: Part) -> Surface:
+    return Surface(part.source.geometry)
+
+
 class ExactTier:
     """Measures pairs of the scene's last computation.
 
@@ -63,7 +69,7 @@ class ExactTier:
         self._request = coal.DistanceRequest()
         self._result = coal.DistanceResult()
         self._point = coal.Sphere(0.0)
-        self._surfaces = {p.first: Surface(p.source.geometry) for p in scene.parts if p.is_mesh}
+        self._surfaces = {p.first: _surface(p) for p in scene.parts if p.is_mesh}
         self._surface_distance = SurfaceDistance()
 
     def measure(

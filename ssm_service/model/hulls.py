@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import coal
@@ -41,8 +42,9 @@ class Part:
         return self.first + len(self.pieces)
 
 
+@lru_cache(maxsize=8)
 def build_parts(robot: Robot) -> tuple[Part, ...]:
-    """Build the parts of all monitored links, in their order.
+    """Return the parts of all monitored links, in their order; they are built once for each robot.
 
     Raises:
         ConfigError: A mesh has no usable convex hull.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import coal
@@ -41,8 +42,9 @@ class OwnSurface:
     corners: NDArray[np.float64]
 
     @classmethod
+    @lru_cache(maxsize=8)
     def of_robot(cls, robot: Robot) -> OwnSurface:
-        """Take all links' geometry, whether their distance is monitored or not."""
+        """Take all links' geometry, whether their distance is monitored or not; once for each robot."""
         bodies, roots, capsules = [], [], []
         tree = _Tree()
         for source in robot.collision.geometryObjects:

@@ -339,7 +339,8 @@ def test_a_mesh_turned_inside_out_is_turned_back(ur3, monkeypatch):
     monkeypatch.setattr(
         own_surface, "triangles", lambda mesh: (triangles(mesh)[0], triangles(mesh)[1][:, ::-1])
     )
-    wrong = OwnSurface.of_robot(ur3)
+    wrong = OwnSurface.of_robot(Robot.load("ur3"))
+    assert wrong is not right
     for surface in (right, wrong):
         a, b, c = np.swapaxes(surface.corners.reshape(-1, 3, 3), 0, 1)
         assert np.einsum("ij,ij->", a, np.cross(b, c)) > 0.0
