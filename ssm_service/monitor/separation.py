@@ -14,7 +14,6 @@ from ..model import DistanceModel, Kinematics, Obstacle, Pairs, Robot, closing_g
 from ..safety import (
     Closing,
     ReactionTime,
-    StoppingLevels,
     ZoneProfile,
     admissible_shares,
     level_speeds,
@@ -77,11 +76,6 @@ class SeparationStep:
         self._monitored = len(robot.monitored_links)
         self._speeds_of: Sequence[Obstacle] = ()
         self._speeds: Array | None = None
-
-    @property
-    def levels(self) -> StoppingLevels:
-        """The stopping levels of the joints that move."""
-        return self._levels
 
     def share_of(self, velocity: Array) -> float:
         """Return the greatest share of its limit that any free joint has in a velocity, (n,) [rad/s]."""
