@@ -76,7 +76,7 @@ def _explained(cause: str, where: str, payload: bytes, kind: type[Message]) -> I
     """Return the refusal in the words of the configuration's check, if it finds the same place."""
     try:
         DocumentCheck(Path()).check(msgspec.json.decode(payload), msgspec.inspect.type_info(kind), Place())
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, OverflowError):
         return None  # a number that no double can hold, say
     except ConfigError as error:
         if where == kind.__name__ or error.key.startswith(where):

@@ -27,3 +27,11 @@ def test_a_refusal_is_short_whatever_the_name_of_a_field(explain: bool) -> None:
         Decoder(m.Ranges, explain=explain).decode(payload)
     assert refused.value.cause == "unknown_field"
     assert len(str(refused.value)) < 1000
+
+
+@pytest.mark.parametrize("explain", [False, True])
+def test_an_integer_that_no_double_can_hold_is_refused(explain: bool) -> None:
+    payload = b'{"position":[0,0,' + b"9" * 400 + b"]}"
+    with pytest.raises(InputError) as refused:
+        Decoder(m.FramesRequest, explain=explain).decode(payload)
+    assert refused.value.cause == "out_of_range"

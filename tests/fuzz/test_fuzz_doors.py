@@ -65,7 +65,9 @@ def test_a_mutation_is_its_seeds_and_most_change_something(mutate) -> None:
 def planted(data: bytes) -> bool:
     """Let a door break in two places."""
     if data.startswith(b"slow"):
-        time.sleep(0.02)
+        end = time.process_time() + 0.02
+        while time.process_time() < end:
+            pass
     require(not data.startswith(b"x"), "no x")
     return data.decode() == "ok"
 
