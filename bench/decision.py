@@ -14,6 +14,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from . import sweep
@@ -66,10 +67,13 @@ def hunts(seed: int) -> list[list[Task]]:
 
 
 def hunt(places: list[Task]) -> tuple[Task, int] | None:
-    """Return where a planted difference was found, and after how many ticks; ``None`` where it was not."""
+    """Return where a planted difference was found, and after how many ticks; ``None`` where it was not.
+
+    A tick that differs also with nothing planted finds nothing.
+    """
     for task in places:
         first = compare(task).first
-        if first is not None:
+        if first is not None and compare(replace(task, mutant=None, ticks=first)).first is None:
             return task, first
     return None
 

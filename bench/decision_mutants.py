@@ -162,7 +162,7 @@ MUTANTS: tuple[Mutant, ...] = (
            profiles=ISO),
     Mutant(name="one pair limits nothing", target="ssm_service.monitor.separation.max_closing_speeds",
            change=_result(_first_pair_free), profiles=ISO),
-    Mutant(name="commands are not scaled by pairs", target="ssm_service.safety.speeds.greatest_scaling",
+    Mutant(name="commands are not scaled by pairs", target="ssm_service.monitor.separated.greatest_scaling",
            change=lambda original: lambda *args: 1.0, profiles=ISO),
 )  # fmt: skip
 """Everything that is planted; each is looked for in the profiles in which it can show."""

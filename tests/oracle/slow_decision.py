@@ -125,6 +125,7 @@ class SlowMonitor:
             "zone": in_force,
             "momentary_zone": zone,
             "distance": nearest,
+            "tracked": min([pair["distance"] for pair in seen["tracked"] or []], default=math.inf),
             "reasons": reasons,
             "states": states,
             "speed_limit": limit,
