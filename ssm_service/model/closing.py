@@ -10,6 +10,8 @@ from .robot import Robot
 
 Array = NDArray[np.float64]
 
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product; numpy's own takes three times as long
+
 
 def moved_by(robot: Robot, link: str) -> NDArray[np.bool_]:
     """Return which joints move a link, (n,).
@@ -37,7 +39,8 @@ def closing_gradients(spatial: Array, moved: NDArray[np.bool_], points: Array, n
         normals: (p, 3) unit, from the obstacle to the link, base frame.
     """
     # n·(v_j + ω_j × p) = n·v_j + ω_j·(p × n)
-    along = normals @ spatial[:3] + np.cross(points, normals) @ spatial[3:]
+    turned = points[:, _NEXT] * normals[:, _LAST] - points[:, _LAST] * normals[:, _NEXT]
+    along = normals @ spatial[:3] + turned @ spatial[3:]
     gradients: Array = np.where(moved, -along, 0.0)
     return gradients
 

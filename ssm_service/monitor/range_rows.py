@@ -77,8 +77,8 @@ class RangeRowMaker:
         # All links with the same number of points, so that they go into one array.
         self._points = [np.concatenate([row, np.repeat(row[:1], most - len(row), axis=0)]) for row in points]
 
-    def rows(self, reading: RangeReading, kinematics: Kinematics, *, tracked: bool) -> RangeRows:
-        """Return the pairs of a scan.
+    def rows(self, reading: RangeReading, kinematics: Kinematics, *, tracked: bool) -> RangeRows | None:
+        """Return the pairs of a scan; ``None`` where there are none.
 
         Args:
             reading: The scan.
@@ -86,11 +86,13 @@ class RangeRowMaker:
             tracked: Whether another source looks everywhere now.
         """
         directed = np.isfinite(reading.ranges).nonzero()[0] if self._directed else np.empty(0, dtype=np.intp)
+        others = (self._silent if self._directed else self._bounded)(reading, kinematics, tracked)
+        if not (len(directed) or others):
+            return None
         T_base_sensor = kinematics.transform_sensors_to_base[directed]
         direction, origin = T_base_sensor[:, :3, 0], T_base_sensor[:, :3, 3]
         distance = reading.ranges[directed]
         link = self._array_of_sensor[directed]
-        others = (self._silent if self._directed else self._bounded)(reading, kinematics, tracked)
         arrays = [k for k, _ in others]
         nearest = [thing for _, thing in others]
         joints = kinematics.spatial_jacobian.shape[1]

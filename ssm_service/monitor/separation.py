@@ -26,7 +26,7 @@ from .separated import Limit, PairTable, Separated, joined
 
 Array = NDArray[np.float64]
 
-MOST_EXACT = 12
+MOST_EXACT = 6
 """Pairs that one tick measures to the links' triangles at most; the others keep their hulls' distance."""
 
 

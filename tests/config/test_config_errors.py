@@ -89,7 +89,7 @@ def test_an_integer_beyond_64_bits_is_refused_in_a_short_message(huge, old, chan
         ("default_profile", "default_profil", "default_profil", "did you mean 'default_profile'?"),
         ("[joints.locked]", "[joints.lokced]", "joints.lokced", "the keys here are locked, fixed"),
         ("[hull_pieces]", "[limits]\nfast = 1\n[hull_pieces]", "limits.fast", "acceleration_rad_s2"),
-        ("red = {", "blue = 1\nred = {", "profiles.near.blue", "red, yellow, range_estimator"),
+        ("red = {", "blue = 1\nred = {", "profiles.near.blue", "red, yellow, separation"),
         ("red = { ", "red = { x = 1, ", "profiles.near.red.x", "distance_m, joint_speed_rad_s"),
     ],
 )

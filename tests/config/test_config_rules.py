@@ -159,3 +159,60 @@ def test_the_lower_bound_needs_assumptions_and_assumptions_need_rings(changed, r
     assert "[assumptions]" not in text
     error = refused(f"{text}{RANGES_OFF}{OBSTACLES_ON}{ASSUMED}")
     assert "the file has none" in str(error)
+
+
+EQUATION = "intrusion_m = 0.0\nhuman_uncertainty_m = 0.05\nrobot_uncertainty_m = 0.0\n"
+RED = "red = { distance_m = 0.2, joint_speed_rad_s = 0.2, speed_scaling = 0.25 }\n"
+YELLOW = "yellow = { distance_m = 0.4, joint_speed_rad_s = 0.4, speed_scaling = 0.5 }\n"
+
+
+def test_red_and_yellow_come_together_or_not_at_all(changed, refused, load):
+    for one in (RED, YELLOW):
+        error = refused(changed((one, "")))
+        assert error.key == "profiles.near"
+        assert "together or not at all" in str(error)
+    error = refused(changed((RED + YELLOW, "")))
+    assert "or `separation`" in str(error)
+    equation = changed((RED + YELLOW, f"[profiles.near.separation]\n{EQUATION}"))
+    profile = load(equation).profiles["near"]
+    assert (profile.red, profile.yellow, profile.edges) == (None, None, ())
+    assert load(changed()).profiles["near"].edges == (0.2, 0.4)
+
+
+def test_the_floor_of_a_persons_speed_is_not_above_the_speed(changed, refused):
+    added = f"[profiles.near.separation]\n{EQUATION}human_speed_m_s = 0.2\n"
+    error = refused(changed((YELLOW, f"{YELLOW}{added}")))
+    assert error.key == "profiles.near.separation"
+    assert "human_speed_floor_m_s" in str(error)
+
+
+@pytest.mark.parametrize("speed", ["0", "0.0", "-1", "11", "nan", "inf"])
+def test_a_person_who_does_not_move_is_refused(speed, changed, refused):
+    added = f"[profiles.near.separation]\n{EQUATION}human_speed_m_s = {speed}\n"
+    assert refused(changed((YELLOW, f"{YELLOW}{added}"))).key == "profiles.near.separation.human_speed_m_s"
+
+
+TWICE = "{ speed_rad_s = 2.0, time_s = 0.1, distance_rad = 0.1 }"
+ONCE = "{ speed_rad_s = 1.0, time_s = 0.1, distance_rad = 0.05 }"
+
+
+@pytest.mark.parametrize(
+    ("slower", "words"),
+    [
+        ("{ speed_rad_s = 3.0, time_s = 0.1, distance_rad = 0.1 }", "rising order"),
+        ("{ speed_rad_s = 1.0, time_s = 0.3, distance_rad = 0.1 }", "time_s"),
+        ("{ speed_rad_s = 1.0, time_s = 0.1, distance_rad = 0.3 }", "distance_rad"),
+        (
+            f"{TWICE}, {ONCE}",
+            "rising order",
+        ),
+    ],
+)
+def test_rules_of_the_stopping_data(slower, words, text, refused, load):
+    table = "speed_rad_s = 3.0, time_s = 0.2, distance_rad = 0.4"
+    error = refused(f"{text}\n[stopping]\nelbow = {{ {table}, slower = [{slower}] }}\n")
+    assert error.key == "stopping.elbow"
+    assert words in str(error)
+    good = "{ speed_rad_s = 1.0, time_s = 0.1, distance_rad = 0.1 }"
+    file = load(f"{text}\n[stopping]\nelbow = {{ {table}, slower = [{good}] }}\n")
+    assert file.stopping["elbow"].slower[0].time_s == 0.1
