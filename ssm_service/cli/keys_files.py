@@ -46,7 +46,7 @@ class KeyFolder:
         file = path / NETWORK_FILE
         try:
             kept = msgspec.json.decode(file.read_bytes(), type=_Kept)
-        except (OSError, msgspec.MsgspecError) as error:
+        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise ConfigError(file, "", str(error), "a folder made by `ssm keys init`") from error
         return cls(path=path, network=kept.network, at=PurePosixPath(kept.at))
 

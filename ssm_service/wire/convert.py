@@ -256,8 +256,16 @@ def vector(values: NDArray[np.float64]) -> m.Vector3:
 
 
 def optional_readings(ranges: NDArray[np.float64]) -> list[float | None]:
-    """Return readings for the wire: ``inf`` becomes ``None``."""
-    return [reading if math.isfinite(reading) else None for reading in ranges.tolist()]
+    """Return readings for the wire: ``inf`` becomes ``None``.
+
+    Raises:
+        InputError: ``not_finite`` for a reading that is no number, which must not become 'no echo'.
+    """
+    readings = ranges.tolist()
+    for index, reading in enumerate(readings):
+        if math.isnan(reading):
+            raise InputError("not_finite", f"ranges[{index}]", reading, "a number, or inf for no echo")
+    return [reading if math.isfinite(reading) else None for reading in readings]
 
 
 def _nearest_entry(nearest: Nearest) -> m.NearestEntry:

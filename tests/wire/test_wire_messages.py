@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from wire_samples import VALID
 
+from ssm_service.errors import InputError
 from ssm_service.monitor import Evaluator, Inputs, Monitor, Received, zone_profile
 from ssm_service.wire import (
     all_finite,
@@ -156,6 +157,8 @@ def test_no_echo_is_null_on_the_wire_and_infinity_inside(accept):
     scan = accept("ranges", payload)
     assert scan.tolist() == [float("inf"), 0.5] * 4
     assert optional_readings(scan) == [None, 0.5] * 4
+    with pytest.raises(InputError, match=r"ranges\[1\]: found nan"):
+        optional_readings(np.array([0.5, np.nan]))
 
 
 def test_what_may_be_left_out_of_an_obstacle(accept):

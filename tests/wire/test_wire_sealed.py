@@ -49,6 +49,7 @@ def test_a_message_of_no_producer_counts_as_from_nobody():
 MISTAKES = [
     (json.dumps(changed("joints", position="x")).encode(), "wrong_type"),
     (json.dumps(changed("joints", extra=1)).encode(), "unknown_field"),
+    (json.dumps(changed("joints", position=[float("nan")] * 6)).encode(), "not_json"),  # as Python writes it
     (json.dumps({key: VALID["joints"][key] for key in ("producer", "seq")}).encode(), "missing_field"),
 ]
 
