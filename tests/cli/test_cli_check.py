@@ -109,8 +109,8 @@ def test_the_steps_of_a_key_path():
         ("[joints.locked]", 'links = ["forearm_link"]\n[joints.locked]', "weak", "links", "wrist_3_link"),
         ("reading_error_m = 0.06", "reading_error_m = 0.02", "weak", "assumptions.reading_error_m",
          "not sound"),
-        ("recovery_ticks", "disagree_margin_m = 0.1\nrecovery_ticks", "weak", "profiles.kang2022.uncovered",
-         "counts as free"),
+        ("recovery_ticks = 100  ", "disagree_margin_m = 0.1\nrecovery_ticks = 100  ", "weak",
+         "profiles.kang2022.uncovered", "counts as free"),
     ],
 )  # fmt: skip
 def test_what_is_thin_is_said(tmp_path, old, new, level, key, words):
