@@ -26,8 +26,15 @@ from .separated import Limit, PairTable, Separated, joined
 
 Array = NDArray[np.float64]
 
-MOST_EXACT = 6
+MOST_EXACT = 12
 """Pairs that one tick measures to the links' triangles at most; the others keep their hulls' distance."""
+
+EXACT_BELOW = 2.0
+"""Share of the joint speeds, by its hull, below which a pair is measured to the link's triangles.
+
+A hull's witness points may lie beside the link's own, so that its share, unlike its distance, is no bound of
+the link's: this leaves room for it.
+"""
 
 
 class Sight(Struct, frozen=True, kw_only=True, eq=False):
@@ -54,9 +61,12 @@ class SeparationStep:
     """Measures, pair by pair, what the equation leaves; keeps nothing between ticks.
 
     Pairs with tracked obstacles are measured by the links' hulls, and the ``MOST_EXACT`` of them that leave
-    the least share of the speed, of those that leave less than all of it, by the triangles. The person's
-    speed is the profile's, or, where the profile says so and a tracker knows it, the obstacle's own, but not
-    below the profile's floor: all of it and not only its part towards the robot, as directions change.
+    the least share of the speed, of those that leave less than ``EXACT_BELOW``, by the triangles. Both are
+    sound: a hull holds its link, so that whoever is kept apart from the hull, distance and closing speed
+    alike, is kept apart from the link. The triangles leave more room, and give the speed of the link's own
+    nearest point. The person's speed is the profile's, or, where the profile says so and a tracker knows it,
+    the obstacle's own, but not below the profile's floor: all of it and not only its part towards the robot,
+    as directions change.
 
     Args:
         robot: The robot; its file has stopping data of all joints that move.
@@ -90,8 +100,9 @@ class SeparationStep:
         """
         if sight.pairs is not None:
             hulls = self._of_pairs(sight, sight.pairs, None)
-            near = (hulls.shares < 1.0).nonzero()[0]
-            order = near[np.lexsort((hulls.table.distance[near], hulls.shares[near]))]
+            left = _left(hulls.max_closing_speed, hulls.table.closing.greatest(self._limits))
+            near = (left < EXACT_BELOW).nonzero()[0]
+            order = near[np.lexsort((hulls.table.distance[near], left[near]))]
             distances.refine(sight.pairs, order[:MOST_EXACT].tolist())
         rows = None
         if sight.reading is not None:
@@ -188,7 +199,12 @@ def _limiting(allowed: Array, greatest: Array, distance: Array) -> int | None:
     """Return the pair that leaves the least share, also beyond all of it; of equal ones the nearest."""
     if not len(allowed):
         return None
+    return int(np.lexsort((distance, _left(allowed, greatest)))[0])
+
+
+def _left(allowed: Array, greatest: Array) -> Array:
+    """Return what share of the joint speeds each pair leaves, (p,), also where that is more than 1."""
     share = np.full(len(allowed), np.inf)
     np.divide(allowed, greatest, out=share, where=greatest > 0.0)
     share[allowed <= 0.0] = 0.0
-    return int(np.lexsort((distance, share))[0])
+    return share
