@@ -189,7 +189,9 @@ def test_the_token_is_there(shared_service, ear):
 
 def test_a_query_for_everything_is_answered_by_every_key(ear):
     keys = {str(reply.ok.key_expr) for reply in ear.session.get("ssm/ur3/*") if reply.ok is not None}
-    assert keys == {f"ssm/ur3/{key}" for key in ("zone", "command", "config", "health", "frames")}
+    assert keys == {
+        f"ssm/ur3/{key}" for key in ("zone", "command", "separation", "config", "health", "frames")
+    }
 
 
 def test_payloads_and_parameters_of_plain_queries_do_not_matter(ear):
