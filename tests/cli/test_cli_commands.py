@@ -11,7 +11,10 @@ import pytest
 
 from ssm_service import __version__
 
-COMMANDS = {"demo", "run", "sim", "zone", "watch", "reset", "evaluate", "coverage", "check", "schema"}
+COMMANDS = {
+    *("demo", "run", "sim", "zone", "watch", "reset"),
+    *("evaluate", "coverage", "check", "schema", "keys"),
+}
 NOBODY = "tcp/127.0.0.1:1"
 
 
