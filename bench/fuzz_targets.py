@@ -297,6 +297,10 @@ class _Query:
         self.errors.append(payload)
 
 
+PREPARING_S = 100.0
+"""The longest that inner loops may take to compile [s]."""
+
+
 class _Session:
     """A session on which nothing ever comes."""
 
@@ -316,7 +320,9 @@ def _worker() -> Any:
     options = WorkerOptions(
         robot_file=config.path, profile=config.file.default_profile, name="ur3", endpoint="none"
     )
-    return worker.EvaluatingWorker(options, _Session())  # type: ignore[arg-type]
+    made = worker.EvaluatingWorker(options, _Session())  # type: ignore[arg-type]
+    made.wait_prepared(PREPARING_S)
+    return made
 
 
 def asked(name: str) -> Callable[[bytes], bool]:

@@ -7,6 +7,8 @@ them one after the other.
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -31,6 +33,16 @@ ALONE = (
     "wire/test_wire_refusals.py",
 )
 """Folders and files, here."""
+
+
+QUESTION = '{"position": [0, 0, 0, 0, 0, 0], "ranges": [0.5, null, null, null, null, null, null, null]}'
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Have the inner loops compiled once before several processes would all do it at the same time."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        command = [sys.executable, "-m", "ssm_service.cli", "evaluate"]
+        subprocess.run(command, input=QUESTION, text=True, capture_output=True, timeout=300, check=False)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

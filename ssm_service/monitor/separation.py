@@ -26,10 +26,10 @@ from .separated import Limit, PairTable, Separated, joined
 
 Array = NDArray[np.float64]
 
-MOST_EXACT = 12
+MOST_EXACT = 8
 """Pairs that one tick measures to the links' triangles at most; the others keep their hulls' distance."""
 
-EXACT_BELOW = 2.0
+EXACT_BELOW = 1.5
 """Share of the joint speeds, by its hull, below which a pair is measured to the link's triangles.
 
 A hull's witness points may lie beside the link's own, so that its share, unlike its distance, is no bound of
@@ -102,13 +102,22 @@ class SeparationStep:
             hulls = self._of_pairs(sight, sight.pairs, None)
             left = _left(hulls.max_closing_speed, hulls.table.closing.greatest(self._limits))
             near = (left < EXACT_BELOW).nonzero()[0]
-            order = near[np.lexsort((hulls.table.distance[near], left[near]))]
-            distances.refine(sight.pairs, order[:MOST_EXACT].tolist())
+            order = near[np.lexsort((hulls.table.distance[near], left[near]))].tolist()
+            distances.refine(sight.pairs, order[:1])
+            if not (order and self._stops(sight, sight.pairs, order[0])):
+                distances.refine(sight.pairs, order[1:MOST_EXACT])
         rows = None
         if sight.reading is not None:
             tracked = sight.pairs is not None
             rows = self._ranges.rows(sight.reading, sight.kinematics, tracked=tracked)
         return self._of_pairs(sight, sight.pairs, rows)
+
+    def _stops(self, sight: Sight, pairs: Pairs, row: int) -> bool:
+        """Tell whether one pair as it is leaves no speed at all: then no other one can change the stop."""
+        config, reaction = self._config, sight.reactions["obstacles"].total
+        fixed = config.intrusion_m + config.robot_uncertainty_m + config.human_uncertainty_m
+        human = self._human_speeds(sight.obstacles)[pairs.obstacle[row]]
+        return not float(pairs.distance[row]) - fixed > human * (reaction + float(self._levels.times[0]))
 
     def of_pairs(self, sight: Sight) -> Separated:
         """Return the same for pairs with tracked obstacles alone, as they are."""

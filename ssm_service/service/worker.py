@@ -68,7 +68,7 @@ class EvaluatingWorker:
         self._evaluator = Evaluator(self._robot, zone_profile(self._robot, options.profile))
         self._prepared = threading.Event()
         threading.Thread(target=self._prepare, name="tables", daemon=True).start()
-        self._prepared.wait(PATIENCE_S)
+        self.wait_prepared(PATIENCE_S)
         self._name = options.name
         keys = Keys(options.name)
         self._keys = {name: keys.output(name) for name in ("evaluate", "frames")}
@@ -93,6 +93,10 @@ class EvaluatingWorker:
         time.sleep(FILL_AFTER_S)
         # At the priority of the others: one that gave way while it held the interpreter would hold them up.
         self._evaluator.fill()
+
+    def wait_prepared(self, timeout_s: float) -> bool:
+        """Wait for the tables of the estimators; return whether they are there."""
+        return self._prepared.wait(timeout_s)
 
     def run(self) -> None:
         """Answer for ever."""
