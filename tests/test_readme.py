@@ -110,10 +110,33 @@ def test_the_seven_joint_arm_of_the_readme(tmp_path):
 def test_every_reason_word_is_explained():
     code = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "ssm_service").rglob("*.py"))
     words = set(re.findall(r'(?:reasons\.append\(|yield )\s*"([a-z:]+)"', code))
-    known = {"contact", "distance", "overrun", "recovering", "duplicate:service", "disagree", "uncovered"}
+    words |= set(re.findall(r'^[A-Z]+ = "([a-z]+:[a-z]+)"', code, flags=re.MULTILINE))
+    known = {
+        "frozen:ranges",
+        "implausible:joints",
+        "latched",
+        "separation",
+        "contact",
+        "distance",
+        "overrun",
+        "recovering",
+        "duplicate:service",
+        "disagree",
+        "uncovered",
+    }
     assert known <= words
     for word in words:
         assert f"`{word}`" in README
+
+
+def test_a_plain_driver_is_heard(endpoint):
+    code = block("plain-driver")
+    assert "ssm_service" not in code
+    run_snippet(code.replace("tcp/127.0.0.1:7447", endpoint))
+    command = [sys.executable, "-m", "ssm_service.cli", "zone", "--connect", endpoint, "--json"]
+    zone = json.loads(subprocess.run(command, capture_output=True, timeout=30, check=True).stdout)
+    assert zone["sources"]["joints"]["state"] != "absent"
+    assert "invalid:joints" not in zone["reasons"]
 
 
 def test_nothing_is_left_behind(endpoint):
