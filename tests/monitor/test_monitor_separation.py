@@ -400,8 +400,14 @@ def test_the_lower_bound_is_an_obstacle_of_any_direction(tmp_path: Path) -> None
 
 
 def test_exact_distances_where_they_could_limit(robot: Robot, shipped: Monitor) -> None:
-    near = tuple(replace_id(ball(0.55 + 0.01 * k, 0.02 * k, 0.3), str(k)) for k in range(4))
+    touching = tuple(replace_id(ball(0.55 + 0.01 * k, 0.02 * k, 0.3), str(k)) for k in range(4))
+    stopped = separated(shipped.step(snapshot(touching)))
+    assert stopped.zone is Zone.STOP
+    assert stopped.table.exact.sum() == 1  # no other pair can change a stop
+    assert stopped.limiting == stopped.table.exact.argmax()
+    near = tuple(replace_id(ball(0.95 + 0.01 * k, 0.02 * k, 0.3), str(k)) for k in range(4))
     found = separated(shipped.step(snapshot(near)))
+    assert found.zone not in (Zone.STOP, Zone.GREEN)
     assert found.table.exact.sum() == MOST_EXACT
     assert found.limiting is not None
     assert found.table.exact[found.limiting]
