@@ -43,6 +43,7 @@ def check_robot(name_or_path: str) -> Report:
         _reach,
         _weaknesses,
         _promises,
+        _plausible,
         _readings,
         _timeouts,
         _trackers,
@@ -130,6 +131,18 @@ def _promises(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
         if profile.disagree_margin_m is None:
             text = "none: readings and tracked obstacles may contradict each other unnoticed"
             yield Finding("note", f"profiles.{name}.disagree_margin_m", text)
+
+
+def _plausible(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
+    """Name the checks of inputs in due form that are off."""
+    believed = {
+        "joint_speed_factor": "joints that jump farther than they can move are believed",
+        "frozen_scans": "a sensor that says the same for ever is believed" if file.rings else "",
+        "echo_margin_m": "a sensor that misses what is tracked before it is believed" if file.rings else "",
+    }
+    for key, text in believed.items():
+        if text and getattr(file.plausibility, key) is None:
+            yield Finding("note", f"plausibility.{key}", f"none: {text}")
 
 
 def _readings(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
