@@ -42,7 +42,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Have the inner loops compiled once before several processes would all do it at the same time."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         command = [sys.executable, "-m", "ssm_service.cli", "evaluate"]
-        subprocess.run(command, input=QUESTION, text=True, capture_output=True, timeout=300, check=False)
+        subprocess.run(command, input=QUESTION, text=True, capture_output=True, check=False)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
