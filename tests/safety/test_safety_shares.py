@@ -125,5 +125,52 @@ def test_one_pair_alone_is_as_among_the_others(index: int) -> None:
     assert not np.shares_memory(alone.gradients, MIXED.gradients)
 
 
+def of_many(directions: list[bool], *, joints: int = 6, corners: int = 4) -> Closing:
+    """Return drawn pairs."""
+    random, undirected = np.random.default_rng(12), ~np.array(directions)
+    return Closing(
+        gradients=random.normal(0.0, 0.3, (len(directions), joints)),
+        undirected=undirected,
+        jacobians=random.normal(0.0, 0.3, (int(undirected.sum()), corners, 3, joints)),
+    )
+
+
+# Seven pairs, two of them of four points, six joints: no two axes are as long as each other.
+SEVEN = of_many([True, False, True, True, False, True, True])
+
+
+def test_each_of_several_pairs_without_a_direction_has_the_speed_of_its_own_points() -> None:
+    velocity = np.array([0.3, -1.1, 0.7, 0.2, -0.4, 0.9])
+    speeds, greatest = SEVEN.at(velocity), SEVEN.greatest(np.abs(velocity))
+    for index, points in zip((1, 4), SEVEN.jacobians, strict=True):
+        moved = [sum(J[:, j] * velocity[j] for j in range(6)) for J in points]
+        assert speeds[index] == pytest.approx(max(math.hypot(*v) for v in moved))
+        # The joints' shares of a point's speed, all of them in one direction, are the most that it can have.
+        most = [sum(math.hypot(*J[:, j]) * abs(velocity[j]) for j in range(6)) for J in points]
+        assert greatest[index] == pytest.approx(max(most))
+    for index in (0, 2, 3, 5, 6):
+        terms = SEVEN.gradients[index] * velocity
+        assert speeds[index] == pytest.approx(math.fsum(terms))
+        assert greatest[index] == pytest.approx(math.fsum(abs(terms)))
+
+
+def test_the_pairs_one_by_one_are_together_the_same_again() -> None:
+    alone = [SEVEN.pair(index) for index in range(7)]
+    for field in ("gradients", "undirected", "jacobians"):
+        together = np.concatenate([getattr(pair, field) for pair in alone])
+        assert np.array_equal(together, getattr(SEVEN, field))
+        # A pair alone is a Closing like any other: taking its only pair changes nothing.
+        for pair in alone:
+            assert np.array_equal(getattr(pair.pair(0), field), getattr(pair, field))
+
+
+def test_pairs_that_all_have_a_direction_are_those_of_which_none_has_none() -> None:
+    directed, drawn = Closing.directed(SEVEN.gradients), of_many([True] * 7)
+    assert directed.undirected.dtype == np.bool_
+    assert np.array_equal(~directed.undirected, np.ones(7))
+    assert len(directed.jacobians) == directed.undirected.sum() == 0
+    assert directed.jacobians.shape[2:] == drawn.jacobians.shape[2:] == (3, 6)
+
+
 def test_the_words_of_the_zones() -> None:
     assert [zone.word for zone in Zone] == ["green", "yellow", "red", "stop"]

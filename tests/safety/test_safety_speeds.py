@@ -65,6 +65,15 @@ def test_no_speed_where_nothing_is_known_or_nothing_is_left(distance: float) -> 
     assert admissible_shares(allowed, full(1, 2.0)).tolist() == [0.0]
 
 
+def test_the_very_distance_of_standing_still_allows_no_speed_even_where_any_would_do_beyond() -> None:
+    ideal = StoppingLevels(shares=np.ones(1), times=np.array([0.25]), gains=np.zeros(1))
+    edge = law(ideal, 0, 1.6, 0.0, 0.1).terms(0.0).S_p
+    distance = np.array([math.nextafter(edge, 0.0), edge, math.nextafter(edge, 1.0)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speeds = level_speeds(distance, full(3, 1.6), np.zeros(3), full(3, 0.1), ideal)
+    assert speeds.tolist() == [[0.0], [0.0], [math.inf]]
+
+
 def test_one_level_is_the_inverse_of_the_equation() -> None:
     speeds = level_speeds(full(1, 1.0), full(1, 1.6), full(1, 0.1), full(1, 0.055), ONE)
     allowed = max_closing_speeds(speeds, full(1, 0.01), ONE)
@@ -102,6 +111,11 @@ def test_the_share_of_a_pair() -> None:
     allowed = np.array([0.0, 0.5, 2.0, 0.5, 0.0, 0.5])
     greatest = np.array([1.0, 1.0, 1.0, 0.0, 0.0, math.nan])
     assert admissible_shares(allowed, greatest).tolist() == [0.0, 0.5, 1.0, 1.0, 0.0, 0.0]
+
+
+def test_a_pair_that_allows_any_speed_slows_nothing() -> None:
+    greatest = np.array([0.0, 1.0, 1e300, math.inf])
+    assert admissible_shares(full(4, math.inf), greatest).tolist() == [1.0] * 4
 
 
 def test_zones_of_shares() -> None:
@@ -203,3 +217,11 @@ def test_the_least_share_is_held_exactly_as_long_as_a_zone() -> None:
             assert least.share == min(past[-window:]), (window, tick)
             assert least.cause in (None, str(least.share))
             assert zone_of(least.share, 0.25) is machine.step(zone_of(share, 0.25))
+
+
+def test_of_equal_shares_the_newest_says_what_limits() -> None:
+    held = LeastHeld[str](3)
+    ticks = [(0.4, "a"), (0.4, "b"), (0.9, "c"), (0.4, "d"), (0.0, "e"), (0.0, "f"), (1.0, "g")]
+    # Before the first tick it is 0 without a cause, for as long as any tick: until the third.
+    causes = [held.step(Least(share=share, cause=cause)).cause for share, cause in ticks]
+    assert causes == [None, None, "b", "d", "e", "f", "f"]

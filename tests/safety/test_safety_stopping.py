@@ -79,3 +79,19 @@ def test_levels_never_fall_however_the_data_are_drawn() -> None:
                 point = next(p for p in points if p.speed_rad_s >= share * limit)
                 assert levels.times[level] >= point.time_s
                 assert levels.gains[level] >= point.distance_rad / point.speed_rad_s - 1e-15
+
+
+@pytest.mark.parametrize(("joints", "limits"), [(["a", "b"], [2.0]), (["a"], [2.0, 1.0])])
+def test_a_joint_without_a_limit_or_a_limit_without_a_joint_gives_no_levels(
+    joints: list[str], limits: list[float]
+) -> None:
+    table = {name: data((2.0, 0.2, 0.08)) for name in "ab"}
+    with pytest.raises(ValueError, match="zip"):
+        StoppingLevels.of(table, joints, limits)
+
+
+@pytest.mark.parametrize("column", ["shares", "times", "gains"])
+def test_nobody_changes_levels_that_others_hold(column: str) -> None:
+    levels = StoppingLevels.of({"a": data((1.0, 0.1, 0.02), (2.0, 0.2, 0.08))}, ["a"], [2.0])
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(levels, column)[0] = 0.0
