@@ -4,7 +4,8 @@ mutmut changes one place after the other in a copy of the tree, and runs the tes
 What survives must stand in ``mutation_survivors.toml`` with the reason why it may; ends with status 1 if one
 does not, or if a listed one is noticed by now. Two limits of the tool: what has a decorator (properties) and
 what stands outside of functions (constants, defaults of fields) is not mutated. Files that are not mutated at
-all stand in the same list, with their reason; so does nothing else of a room.
+all stand in the same list, with their reason; so does nothing else of a room. It also says which rooms were
+never run to the end so far: of these nobody knows what survives.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import os
 import sys
 import time
 import tomllib
+from collections.abc import Iterable
 from dataclasses import asdict
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -65,9 +67,25 @@ def judge(outcome: Outcome, entries: list[Entry]) -> tuple[list[Survivor], list[
     return new, stale
 
 
-def _arguments(names: list[str]) -> argparse.Namespace:
+def _left_out(listed: dict[str, Any]) -> list[str]:
+    """Return a note for each file that is not mutated."""
+    return [f"not mutated: {entry['file']}: {entry['reason']}" for entry in listed["not_run"]]
+
+
+def _never_finished(listed: dict[str, Any], names: Iterable[str]) -> list[str]:
+    """Return a note for each of these rooms that was never run to the end."""
+    return [
+        f"{entry['room']} was never run to the end so far: {entry['reason']}"
+        for entry in listed.get("not_finished", [])
+        if entry["room"] in names
+    ]
+
+
+def _arguments(listed: dict[str, Any], names: list[str]) -> argparse.Namespace:
     options = argparse.ArgumentParser(
-        prog="python -m bench.mutation", description=(__doc__ or "").partition("\n")[0]
+        prog="python -m bench.mutation",
+        description=(__doc__ or "").partition("\n")[0],
+        epilog="; ".join(_never_finished(listed, names)),
     )
     options.add_argument("--json", action="store_true", help="machine-readable, on stdout")
     options.add_argument("--out", type=Path, metavar="DIR", help="write the table and the JSON there")
@@ -86,7 +104,7 @@ def main() -> None:
     """Run the benchmark."""
     listed = tomllib.loads(LIST.read_text(encoding="utf-8"))
     every = rooms(listed)
-    arguments = _arguments(sorted(every))
+    arguments = _arguments(listed, sorted(every))
     chosen = arguments.room or sorted(every)
     report = Report(name="mutation", settings={"jobs": arguments.jobs}, columns=COLUMNS, rows=[])
     wrong = 0
@@ -118,7 +136,7 @@ def main() -> None:
             f"{entry['file']} {entry['function']}: `{entry['mutant']}` is in the list, but noticed"
             for entry in stale
         ]
-    report.notes += [f"not mutated: {entry['file']}: {entry['reason']}" for entry in listed["not_run"]]
+    report.notes += _left_out(listed) + _never_finished(listed, every.keys() - set(chosen))
     report.finish(arguments)
     if wrong:
         sys.exit(f"{wrong} differences to {LIST.name}; see the notes")
