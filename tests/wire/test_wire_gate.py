@@ -82,3 +82,16 @@ def test_each_refusal_names_its_fault_of_transmission():
         with pytest.raises(InputError) as caught:
             gate.check(producer, seq, 0.0)
         assert caught.value.fault == fault
+
+
+def test_each_refusal_says_what_was_found_and_what_may_stand_there():
+    gate = ProducerGate(TIMEOUT)
+    pass_through(gate, "a", 10, 0.0)
+    for producer, seq, expected in (
+        ("a", 9, ("old_seq", "seq", 9, "above 10, the last one accepted")),
+        ("b", 11, ("second_producer", "producer", "b", "only a while it is fresh")),
+    ):
+        with pytest.raises(InputError) as caught:
+            gate.check(producer, seq, 0.0)
+        error = caught.value
+        assert (error.cause, error.where, error.found, error.allowed) == expected

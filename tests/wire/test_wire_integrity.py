@@ -122,3 +122,25 @@ def test_an_attachment_of_another_form_is_refused(attachment, required):
 
 def test_text_that_is_no_unicode_raises_nothing_of_its_own():
     assert checksum(KEY, "\ud800", 0, "", b"") == bitwise_crc32(f"{KEY}\n".encode() + b"\xed\xa0\x80\n0\n\n")
+
+
+FORMS = "crc32=XXXXXXXX or crc32=XXXXXXXX;after=PRODUCER/SEQ"
+
+
+def test_each_refusal_says_what_was_found_and_what_may_stand_there():
+    covered = f"{KEY}\ndriver\n7\n\n".encode() + PAYLOAD
+    for attachment, found, allowed in (
+        (None, None, FORMS),
+        (b"crc32=1", "crc32=1", FORMS),
+        (b"\xff" + b"0123456789" * 10, "\ufffd" + "0123456789" * 7 + "012345678", FORMS),
+        (b"crc32=000000AB", "crc32=000000ab", f"crc32={bitwise_crc32(covered):08x}"),
+    ):
+        error = refusal(attachment)
+        assert (error.where, error.found, error.allowed) == ("attachment", found, allowed)
+
+
+def test_what_both_sides_make_of_the_longest_names():
+    heard = Heard("\U0001f600" * 64, 10**19 - 1)  # four bytes for each letter
+    attachment = seal(KEY, "driver", 7, PAYLOAD, heard)
+    assert len(attachment) == 14 + 7 + 256 + 1 + 19 < MAX_ATTACHMENT
+    assert opened(KEY, "driver", 7, PAYLOAD, attachment, required=True) == heard

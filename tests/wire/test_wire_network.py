@@ -25,7 +25,15 @@ def test_keys_are_those_of_the_contract():
 def test_a_name_that_could_mean_other_keys_is_refused(name):
     with pytest.raises(ConfigError) as caught:
         Keys(name)
-    assert caught.value.file == "--name"
+    error = caught.value
+    assert (error.file, error.key, error.found) == ("--name", "", name)
+    assert error.allowed == "1 to 64 letters, digits, '_', '-' or '.'"
+
+
+def test_every_key_of_a_robot_says_whose_it_is():
+    keys = Keys("a.b-c_9")
+    for key in (keys.input("joints"), keys.output("zone"), keys.alive):
+        assert robot_of(key) == "a.b-c_9"
 
 
 def test_the_configuration_is_closed_and_quick():

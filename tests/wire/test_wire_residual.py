@@ -164,3 +164,34 @@ def test_a_probability_out_of_range_is_refused(p):
 def test_the_latch_bounds_the_rate_whatever_the_network_does():
     assert undetected_per_hour(3600.0) == 2 * SHARE < 1e-9
     assert undetected_per_hour(60.0) == 61 * SHARE
+
+
+@pytest.mark.parametrize("data_bits", [2_016, 4_064, 20_000, 131_040])
+@pytest.mark.parametrize("mean", [1e-6, 0.5, 1.0])
+def test_the_residual_error_is_the_first_term_and_a_geometric_series(data_bits, mean):
+    n, weight = data_bits + 32, hamming_distance(data_bits)
+    p = mean / n
+    first = math.comb(n, weight) * p**weight * (1.0 - p) ** (n - weight)
+    series = 1.0 / (1.0 - mean / (weight + 1))
+    assert residual_error(data_bits, p) == pytest.approx(SHARE * first * series, rel=1e-8, abs=0.0)
+    assert residual_error(data_bits, p) < SHARE
+
+
+@pytest.mark.parametrize("data_bits", [2_016, 131_040])
+def test_where_more_than_one_bit_is_inverted_on_average_every_change_counts(data_bits):
+    for mean in (math.nextafter(1.0, 2.0), 1.5, 2.0, 100.0):
+        assert residual_error(data_bits, mean / (data_bits + 32)) == SHARE
+
+
+@pytest.mark.parametrize(
+    ("data_bits", "p", "message"),
+    [
+        (2**32 - 32, 0.0, "data_bits must be 1 to 4294967263, not 4294967264"),
+        (799, 0.0, "data_bits must be at least 800, not 799"),
+        (800, 0.75, "bit_error_probability must be 0 to 0.5, not 0.75"),
+    ],
+)
+def test_a_refusal_names_the_range(data_bits, p, message):
+    with pytest.raises(ValueError) as caught:  # noqa: PT011
+        residual_error(data_bits, p)
+    assert str(caught.value) == message

@@ -37,3 +37,17 @@ def test_a_delete_is_nobodys_message():
 def test_an_attachment_as_it_came_or_none():
     assert attachment_of(sample()) == b"crc32=0"
     assert attachment_of(SimpleNamespace(attachment=None)) is None  # type: ignore[arg-type]
+
+
+def test_each_refusal_says_what_was_found_and_what_may_stand_there():
+    encoding = "application/json;ssm.Echo/1"
+    for wrong, expected in (
+        (sample(zenoh.SampleKind.DELETE), ("sample", "a delete", "a put")),
+        (
+            sample(encoding=encoding),
+            ("encoding", encoding, "application/json;ssm.JointState/1, or no schema"),
+        ),
+    ):
+        with pytest.raises(InputError) as caught:
+            check_sample(wrong, JointState)
+        assert (caught.value.where, caught.value.found, caught.value.allowed) == expected
