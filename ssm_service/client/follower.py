@@ -125,6 +125,8 @@ class Follower:
             if len({zone.producer for zone in answers.zones}) > 1:
                 self.watchdog.duplicate(now)
             self.watchdog.prove(answers.zones[0], answers.asked_ns)
+            # An answer that was long on its way only proves ages that are too great by now.
+            self.watchdog.expire(now)
         except InputError as error:
             self.watchdog.refuse(error, now)
 

@@ -65,13 +65,14 @@ class Trip:
         self.heard = None
         self.asked = 0
         self.restarts = 0
+        self.took_ns = 0
 
     def restart(self, _now):
         self.restarts += 1
 
     def step(self, now, heard):
         self.asked += 1
-        return self.answers and Answers(zones=self.answers, asked_ns=now, heard=self.heard)
+        return self.answers and Answers(zones=self.answers, asked_ns=now - self.took_ns, heard=self.heard)
 
 
 class Bench:
@@ -292,3 +293,14 @@ def test_an_answer_as_new_as_what_was_heard_or_of_a_new_service_proves_the_ages(
     bench.trip.answers = (zone(10),)
     bench.follower.poll(2 * MS)
     assert bench.follower.watchdog.proved
+
+
+def test_an_answer_that_took_as_long_as_a_message_is_valid_proves_nothing(bench):
+    bench.follower.watchdog.forget()
+    bench.trip.took_ns = VALID_NS
+    bench.send(11)  # whoever held the answer back may have held this as well
+    assert bench.follower.poll(2 * MS).stopped_by_consumer
+    assert not bench.follower.watchdog.proved
+    bench.trip.took_ns = VALID_NS - 1
+    bench.send(12)
+    assert bench.follower.poll(4 * MS).zone_message.seq == 12
