@@ -30,10 +30,12 @@ def unseen(value):
     return value + 1
 '''
 TESTS = """\
+import pytest
 from ssm_service.tiny.gate import Gate
 
 
-def test_it_opens():
+@pytest.mark.parametrize("name", ["ü", b"\\xff"], ids=repr)
+def test_it_opens(name):
     assert Gate(5).open(3)
     assert not Gate(5).open(7)
 """
@@ -41,7 +43,10 @@ def test_it_opens():
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A tree with one room of one file and one test, which forgets the edge and a whole function."""
+    """A tree with one room of one file and one test, which forgets the edge and a whole function.
+
+    The test's names are such as pytest escapes: not found again, they made every mutant look noticed.
+    """
     root = tmp_path_factory.mktemp("tree")
     for name, text in {
         "pyproject.toml": "[tool.pytest.ini_options]\naddopts = '-q'\n",
