@@ -152,6 +152,13 @@ def test_a_flood_neither_holds_up_a_poll_nor_refreshes(bench):
     assert bench.follower.watchdog.rejected["not_json"] < 27 * 200
 
 
+def test_after_a_pause_even_an_endless_backlog_does_not_hold_up_the_poll(bench):
+    bench.zones.endless = zone(11)
+    bench.trip.answers = None
+    assert bench.follower.poll(2000 * MS).stopped_by_consumer
+    assert bench.trip.restarts == 1
+
+
 def test_two_answers_of_two_producers_are_a_stop(bench):
     bench.follower.watchdog.forget()
     bench.trip.answers = (zone(10), zone(77, producer="q"))

@@ -168,3 +168,26 @@ def test_no_sensors_and_no_echo_are_nothing_near(robot: Robot) -> None:
     kinematics = robot.kinematics(POSITION)
     assert nearest_by_rings(robot, kinematics, np.empty(0)) is None
     assert nearest_by_rings(robot, kinematics, SILENCE) is None
+
+
+def test_a_period_at_which_the_approach_overshoots_is_refused(robot: Robot) -> None:
+    gain = robot.config.file.motion.approach_gain
+    with pytest.raises(ConfigError, match=r"motion\.approach_gain: found .* the approach overshoots"):
+        Monitor(robot, period_s=1.0 / gain)
+    assert Monitor(robot, period_s=0.99 / gain).period_s == 0.99 / gain
+
+
+def test_without_rings_no_echo_is_the_arms_own(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(
+        'urdf = "example-robot-data:robots/ur_description/urdf/ur3_robot.urdf"\n'
+        'end_effector_frame = "wrist_1_joint"\ndefault_profile = "near"\n'
+        "[sources]\nranges = { required = false, timeout_s = 0.4 }\n"
+        "obstacles = { required = true, timeout_s = 0.25 }\n[profiles.near]\n"
+        "red = { distance_m = 0.1, joint_speed_rad_s = 0.1, speed_scaling = 0.1 }\n"
+        "yellow = { distance_m = 0.2, joint_speed_rad_s = 0.2, speed_scaling = 0.2 }\n",
+        encoding="utf-8",
+    )
+    bare = Robot.load(path)
+    prepared = RangeReader(bare, zone_profile(bare, None)).prepare(np.empty(0), POSITION)
+    assert prepared.ranges.shape == (0,)

@@ -9,7 +9,7 @@ from service_kit import Ear, Process, ServiceUnderTest, driving, listening, runn
 @pytest.fixture(scope="session")
 def shared_service() -> Iterator[ServiceUnderTest]:
     """One service for all tests that leave it as it was."""
-    with running() as service:
+    with running(seconds=1200) as service:
         yield service
 
 
