@@ -16,7 +16,6 @@ import pytest
 HERE = Path(__file__).parent
 ALONE = (
     "bench/test_bench_runs.py",
-    "bench/test_bench_scenes.py",
     # Compares bits with those of processes of its own; once they differed after other folders' tests.
     "bench/test_bench_triangulation.py",
     "cli/test_cli_demo.py",
@@ -28,7 +27,6 @@ ALONE = (
     "service",
     "simulation/test_simulation_newcomer.py",
     "simulation/test_simulation_process.py",
-    "test_packaging.py",
     "test_readme.py",
     "wire/test_wire_refusals.py",
 )
