@@ -16,6 +16,7 @@ import pytest
 HERE = Path(__file__).parent
 ALONE = (
     "bench/test_bench_runs.py",
+    "bench/test_bench_scenes.py",
     # Compares bits with those of processes of its own; once they differed after other folders' tests.
     "bench/test_bench_triangulation.py",
     "cli/test_cli_demo.py",
