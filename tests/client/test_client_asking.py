@@ -294,3 +294,11 @@ def test_a_reset_is_answered_with_what_was_cleared():
         client.connection = Session([good(payload)])
         with pytest.raises(ServiceError, match="malformed"):
             client.reset()
+
+
+@pytest.mark.parametrize("answer", [b"{", b"[]", b'{"a": "\xff"}'])
+def test_a_malformed_configuration_under_a_right_checksum_is_the_services_error(monkeypatch, answer):
+    with Client("arm", connect=[NOBODY]) as client:
+        monkeypatch.setattr(client, "_plain", lambda _name: answer)
+        with pytest.raises(ServiceError, match="config answered with something malformed"):
+            client.config()
