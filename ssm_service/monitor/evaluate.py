@@ -192,6 +192,7 @@ class Evaluator:
         """Return fresh states for what is given; with no perception at all, what the file requires waits."""
 
         def status_of(name: str, state: SourceState) -> SourceStatus:
+            """Return a status whose value, if there is one, was made just now."""
             return SourceStatus(name=name, state=state, age_s=0.0 if state is SourceState.FRESH else None)
 
         given = {"ranges": question.ranges is not None, "obstacles": question.obstacles is not None}

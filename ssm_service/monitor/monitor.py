@@ -128,14 +128,13 @@ class Monitor:
         """
         self._tick += 1
         statuses = {name: self._status(name, inputs) for name in SOURCES}
-        kinematics, seen = self._perceive(inputs, statuses)
-        separated = self._separate(inputs, statuses, kinematics, seen)
+        fresh = {name for name, status in statuses.items() if status.state is SourceState.FRESH}
+        kinematics, seen = self._perceive(inputs, fresh)
+        separated = self._separate(inputs, fresh, kinematics, seen)
         sources = self.robot.config.file.sources
         by_separation = Zone.GREEN if separated is None else separated.zone
         now = assess(self.profile, sources, tuple(statuses.values()), seen, by_separation)
-        doubt = max(
-            self._beside_perception(now, inputs), self._implausible(now, inputs, statuses, kinematics)
-        )
+        doubt = max(self._beside_perception(now, inputs), self._implausible(now, inputs, fresh, kinematics))
         momentary = max(now.zone, doubt)
         zone, beside = self._machine.step(momentary), self._beside.step(max(now.beside, doubt))
         if zone > momentary:
@@ -180,9 +179,8 @@ class Monitor:
         age = None if received.value is None else received.age_s
         return classify(name, config, age_s=age, invalid=received.invalid)
 
-    def _perceive(self, inputs: Inputs, statuses: dict[str, SourceStatus]) -> tuple[Kinematics | None, Seen]:
+    def _perceive(self, inputs: Inputs, fresh: set[str]) -> tuple[Kinematics | None, Seen]:
         """Return the frames now and what the fresh sources see; nothing without fresh joints."""
-        fresh = {name for name, status in statuses.items() if status.state is SourceState.FRESH}
         if "joints" not in fresh or inputs.joints.value is None:
             return None, Seen()
         position = inputs.joints.value.position
@@ -206,14 +204,13 @@ class Monitor:
     def _separate(
         self,
         inputs: Inputs,
-        statuses: dict[str, SourceStatus],
+        fresh: set[str],
         kinematics: Kinematics | None,
         seen: Seen,
     ) -> Separated | None:
         """Return every pair's separation, of what is fresh; ``None`` without one, or without fresh joints."""
         if self._separation is None or kinematics is None or inputs.joints.value is None:
             return None
-        fresh = {name for name, status in statuses.items() if status.state is SourceState.FRESH}
         joints, pairs = inputs.joints.value, None
         if "obstacles" in fresh:
             pairs = self._distance.pairs(joints.position)
@@ -287,13 +284,12 @@ class Monitor:
         self,
         now: Assessment,
         inputs: Inputs,
-        statuses: dict[str, SourceStatus],
+        fresh: set[str],
         kinematics: Kinematics | None,
     ) -> Zone:
         """Return a stop where the inputs are in due form and cannot be true."""
         if self._plausibility is None:
             return Zone.GREEN
-        fresh = {name for name, status in statuses.items() if status.state is SourceState.FRESH}
         words = self._plausibility.step(inputs, fresh, self._velocity, kinematics)
         now.reasons.extend(words)
         return Zone.STOP if words else Zone.GREEN

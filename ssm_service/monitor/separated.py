@@ -57,6 +57,7 @@ class PairTable(Struct, frozen=True, kw_only=True, eq=False):
         """Return these pairs and then those of ``other``, which has no ids of its own."""
 
         def both(name: str) -> Array:
+            """Return one column of both tables."""
             joined: Array = np.concatenate([getattr(self, name), getattr(other, name)])
             return joined
 

@@ -98,19 +98,28 @@ class SeparationStep:
             sight: What this tick sees. Its pairs are measured exactly where it matters, in place.
             distances: What measured the pairs last.
         """
+        found, rows = None, None
         if sight.pairs is not None:
-            hulls = self._of_pairs(sight, sight.pairs, None)
-            left = _left(hulls.max_closing_speed, hulls.table.closing.greatest(self._limits))
-            near = (left < EXACT_BELOW).nonzero()[0]
-            order = near[np.lexsort((hulls.table.distance[near], left[near]))].tolist()
-            distances.refine(sight.pairs, order[:1])
-            if not (order and self._stops(sight, sight.pairs, order[0])):
-                distances.refine(sight.pairs, order[1:MOST_EXACT])
-        rows = None
+            found = self._of_pairs(sight, sight.pairs, None)
+            if self._refine(sight, sight.pairs, found, distances):
+                found = None
         if sight.reading is not None:
             tracked = sight.pairs is not None
             rows = self._ranges.rows(sight.reading, sight.kinematics, tracked=tracked)
+        if found is not None and rows is None:
+            return found  # nothing has changed since
         return self._of_pairs(sight, sight.pairs, rows)
+
+    def _refine(self, sight: Sight, pairs: Pairs, hulls: Separated, distances: DistanceModel) -> bool:
+        """Measure the pairs to the triangles where that could matter; return whether it did for any."""
+        left = _left(hulls.max_closing_speed, hulls.table.closing.greatest(self._limits))
+        near = (left < EXACT_BELOW).nonzero()[0]
+        order = near[np.lexsort((hulls.table.distance[near], left[near]))].tolist()
+        if order:
+            distances.refine(pairs, order[:1])
+            if not self._stops(sight, pairs, order[0]):
+                distances.refine(pairs, order[1:MOST_EXACT])
+        return bool(order)
 
     def _stops(self, sight: Sight, pairs: Pairs, row: int) -> bool:
         """Tell whether one pair as it is leaves no speed at all: then no other one can change the stop."""

@@ -11,9 +11,9 @@ import math
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from ..config import ProfileConfig, StoppingConfig, StoppingPoint
+from ..config import ProfileConfig
 from ..model import Robot, SensorArray
-from ..safety import WALKING_SPEED_M_S, SeparationLaw
+from ..safety import WALKING_SPEED_M_S, SeparationLaw, StoppingLevels
 from .reach import greatest_speed
 
 DEFAULT_PERIOD_S: Final = 0.002
@@ -64,18 +64,16 @@ def stopping(robot: Robot, joint_speed: float) -> tuple[float, float, list[str]]
     Returns:
         Stopping time [s], stopping distance for each unit of speed [s], and the joints without data.
     """
-    time = gain = 0.0
-    unknown = []
-    for index in robot.free:
-        name = robot.joint_names[index]
-        data = robot.config.file.stopping.get(name)
-        if data is None:
-            unknown.append(name)
-            continue
-        point = _point(data, min(joint_speed, float(robot.velocity_limit[index])))
-        time = max(time, point[0])
-        gain = max(gain, point[1])
-    return time, gain, unknown
+    data = robot.config.file.stopping
+    names = {robot.joint_names[index]: float(robot.velocity_limit[index]) for index in robot.free}
+    unknown = [name for name in names if name not in data]
+    known = [name for name in names if name in data]
+    if not known:
+        return 0.0, 0.0, unknown
+    # Of what is faster than all data, the fastest is the best that can be said.
+    limits = [min(joint_speed, names[name], data[name].speed_rad_s) for name in known]
+    levels = StoppingLevels.of(data, known, limits)
+    return float(levels.times[-1]), float(levels.gains[-1]), unknown
 
 
 def best_law(robot: Robot, joint_speed: float, period_s: float) -> SeparationLaw:
@@ -107,13 +105,6 @@ def best_law(robot: Robot, joint_speed: float, period_s: float) -> SeparationLaw
         for period, accuracy in sources
     ]
     return min(laws, key=lambda law: law.terms(0.0).S_p)
-
-
-def _point(data: StoppingConfig, speed: float) -> tuple[float, float]:
-    """Return time [s] and distance for each unit of speed [s] of the next listed speed, or of the last."""
-    points: list[StoppingPoint | StoppingConfig] = [*data.slower, data]
-    point = next((point for point in points if point.speed_rad_s >= speed), points[-1])
-    return point.time_s, point.distance_rad / point.speed_rad_s
 
 
 def _terms_words(law: SeparationLaw) -> str:

@@ -77,6 +77,7 @@ def place_shares(link: SensedLink, radius: float, edges: Array, resolution: floa
         return np.searchsorted(edges, gaps, side="right") - 1
 
     def judge(cells: Cells) -> _Verdict:
+        """Return bin and class of each cell's middle, and the bounds of both over the whole cell."""
         reach = cells.diagonal
         known = np.full(len(cells.centres), -1) if cells.marks is None else cells.marks
         bins, first, last = known.copy(), known.copy(), known.copy()
@@ -121,6 +122,7 @@ def ring_shares(
         farthest = ring.radius + radius + high
 
         def judge(cells: Cells, bin_: int = bin_) -> _Verdict:
+            """Return the class of each cell's middle and its bounds over the cell; all are of this bin."""
             bearing, z, gap = cells.centres.T
             rho = ring.radius + radius + gap
             local = np.stack([rho * np.cos(bearing), rho * np.sin(bearing), z], axis=1)

@@ -101,6 +101,7 @@ def _wait_for(worker: EvaluatingProcess, service: Service) -> None:
 
 def _stop_on_signals(service: Service) -> None:
     def stop(_number: int, _frame: FrameType | None) -> None:
+        """Ask the loop to end."""
         service.stop()
 
     signal.signal(signal.SIGINT, stop)

@@ -186,6 +186,7 @@ def run_simulation(
     with _until_signal() as flag:
 
         def running() -> bool:
+            """Tell whether neither a signal nor the end of the time has come."""
             return not flag.up and (end is None or time.monotonic() < end)
 
         try:
@@ -255,6 +256,7 @@ def _until_signal() -> Iterator[_Flag]:
         return
 
     def stop(_number: int, _frame: FrameType | None) -> None:
+        """Raise the flag."""
         flag.up = True
 
     before: dict[int, Any] = {
