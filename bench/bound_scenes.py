@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ssm_service.config.schema import AssumptionsConfig
+from ssm_service.config import AssumptionsConfig
 from ssm_service.model import Ring, Robot, SensorArray
 
 from .brute import MeshTruth, predicted

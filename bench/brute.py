@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ssm_service.config.schema import AssumptionsConfig
+from ssm_service.config import AssumptionsConfig
 from ssm_service.model import Robot, SensorArray
 from ssm_service.model.hulls import triangles
 from ssm_service.perception import sphere_readings

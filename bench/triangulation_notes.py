@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssm_service.config.schema import AssumptionsConfig
+from ssm_service.config import AssumptionsConfig
 from ssm_service.model import Robot
 
 from .common import Row

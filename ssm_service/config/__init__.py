@@ -1,28 +1,17 @@
 """Robot files and profiles, read strictly into frozen, validated values."""
 
 from .load import load_robot_config, load_toml, robot_names, robots_directory
-from .schema import (
-    AssumptionsConfig,
-    LatchConfig,
-    MotionConfig,
-    ProfileConfig,
-    ReactionConfig,
-    RingConfig,
-    RobotConfig,
-    RobotFile,
-    SeparationConfig,
-    SimulatedSensorConfig,
-    SourceConfig,
-    SourcesConfig,
-    StoppingConfig,
-    StoppingPoint,
-    ZoneConfig,
-)
+from .profiles import LatchConfig, ProfileConfig, SeparationConfig, ZoneConfig
+from .rings import AssumptionsConfig, RingConfig, SimulatedSensorConfig
+from .schema import MotionConfig, RobotConfig, RobotFile
+from .sources import PlausibilityConfig, SourceConfig, SourcesConfig
+from .stopping import ReactionConfig, StoppingConfig, StoppingPoint
 
 __all__ = [
     "AssumptionsConfig",
     "LatchConfig",
     "MotionConfig",
+    "PlausibilityConfig",
     "ProfileConfig",
     "ReactionConfig",
     "RingConfig",

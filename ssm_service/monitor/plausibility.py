@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config.schema import PlausibilityConfig
+from ..config import PlausibilityConfig
 from ..model import Kinematics, Obstacle, Robot
 from ..perception.reading import sphere_readings
 from .inputs import Inputs, JointSample

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..config.schema import AssumptionsConfig
+from ..config import AssumptionsConfig
 from ..errors import InputError
 from ..model import store
 from ..model.link_distance import LinkDistance

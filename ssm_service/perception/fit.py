@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..config.schema import AssumptionsConfig
+from ..config import AssumptionsConfig
 from ..errors import InputError
 from ..model.link_distance import LinkDistance
 from ..model.rings import SensorArray

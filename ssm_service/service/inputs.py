@@ -10,7 +10,7 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from ..config.schema import SourceConfig
+from ..config import SourceConfig
 from ..errors import InputError
 from ..model import Robot
 from ..monitor import SOURCES, Inputs, JointSample, RangeReader, Received

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from ..config.schema import LatchConfig
+from ..config import LatchConfig
 from ..wire.latch import Latch
 from .latch_file import LatchFile, load_latch, state_of
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ssm_service.config.schema import AssumptionsConfig
+from ssm_service.config import AssumptionsConfig
 from ssm_service.model import LinkDistance, Robot, store
 from ssm_service.perception import LowerBound
 from ssm_service.perception import bound as bound_module

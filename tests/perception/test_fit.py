@@ -3,8 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from ssm_service.config import RingConfig
-from ssm_service.config.schema import AssumptionsConfig
+from ssm_service.config import AssumptionsConfig, RingConfig
 from ssm_service.errors import InputError
 from ssm_service.model import Robot
 from ssm_service.model.link_distance import LinkDistance

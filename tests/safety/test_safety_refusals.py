@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from ssm_service.config import ProfileConfig, load_robot_config
-from ssm_service.config.schema import SeparationConfig, ZoneConfig
+from ssm_service.config import ProfileConfig, SeparationConfig, ZoneConfig, load_robot_config
 from ssm_service.errors import InputError
 from ssm_service.safety import SeparationLaw, Zone, ZoneProfile, classify
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from service_kit import wait_for
 
-from ssm_service.config.schema import LatchConfig
+from ssm_service.config import LatchConfig
 from ssm_service.service import latch_file
 from ssm_service.service.integrity import IntegrityWatch, integrity_watch
 from ssm_service.service.latch_file import (
