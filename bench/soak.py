@@ -37,7 +37,8 @@ NOTES = f"""\
 Memory is within its noise where the slope of the resident memory after the warm-up is not above three \
 standard errors, by least squares over means of half a minute, with a level for each life \
 and a term for the threads.
-A gap has a cause where the consumer was stopped or killed by this run, or where the machine held up its \
+A gap has a cause where the consumer or the service was stopped or killed by this run (a service that stands \
+for longer than its lease has lost its connections when it goes on), or where the machine held up its \
 loop, or an ordinary thread beside it, for half as long as a decision is valid: Zenoh drops then what it \
 cannot send.
 Every deadline is a tick or was counted as skipped: health's counters against its uptime. A pause between \

@@ -20,7 +20,7 @@ import zenoh
 
 from ssm_service.client import Connection, Follower
 from ssm_service.errors import InputError
-from ssm_service.service.realtime import apply_realtime
+from ssm_service.service.realtime import COLLECT_NEEDS_NS, SpareTimeCollector, apply_realtime
 from ssm_service.wire import Decoder, Keys
 from ssm_service.wire import messages as m
 
@@ -106,6 +106,7 @@ def _follow(session: zenoh.Session, keys: Keys, period_ns: int, ended: threading
     account, follower = Account(period_ns), Follower(session, keys)
     gc.collect()
     gc.freeze()
+    collector = SpareTimeCollector()
     pauses: deque[tuple[float, float]] = deque([(time.monotonic(), 0.0)])
     before, said, stops, obeyed = time.monotonic(), 0.0, 0, 0
     while not ended.is_set():
@@ -128,6 +129,7 @@ def _follow(session: zenoh.Session, keys: Keys, period_ns: int, ended: threading
         if now - said >= SAY_EVERY_S:
             _say(_counters(account, follower, pauses[0][1], stops, obeyed))
             said = now
+        collector.work(time.monotonic_ns() + 2 * COLLECT_NEEDS_NS)
         time.sleep(POLL_S)
 
 

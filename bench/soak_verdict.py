@@ -173,8 +173,11 @@ def descriptors(run: Run) -> list[Finding]:
 
 
 def gaps(run: Run) -> Finding:
-    """Return whether the consumer missed a tick while nobody kept it or its network from listening."""
-    hindered = run.windows("stop consumer", "kill consumer", "kill service")
+    """Return whether the consumer missed a tick while nobody kept it, the service or the network from work.
+
+    A service that is stopped for longer than its lease has lost its connections when it goes on.
+    """
+    hindered = run.windows("stop consumer", "kill consumer", "stop service", "kill service")
     late = [(each["t"] - each["late_s"], each["t"] + AFTERMATH_S) for each in run.events.get("late", [])]
     counts, missed, found = {"stopped": 0, "machine": 0, "none": 0}, 0, run.events.get("gap", [])
     for gap in found:
@@ -187,7 +190,8 @@ def gaps(run: Run) -> Finding:
             counts["none"] += 1
     total = sum(last["messages"] for last in _last_of_each(run.events.get("consumer", [])))
     says = (
-        f"{len(found)} gaps ({missed} ticks) in {total} messages: {counts['stopped']} while it was stopped, "
+        f"{len(found)} gaps ({missed} ticks) in {total} messages: "
+        f"{counts['stopped']} while it or the service was stopped, "
         f"{counts['machine']} while the machine held ordinary threads up, {counts['none']} without a cause; "
         f"the machine did so {len(late)} times"
     )

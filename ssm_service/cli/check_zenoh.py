@@ -185,10 +185,12 @@ def _timing(settings: Settings) -> Iterator[Finding]:
     if isinstance(lease, int) and lease > LONG_LEASE_MS:
         text = f"{lease} ms: so long may a frozen process keep its liveliness; `ssm` itself uses 100"
         yield Finding("weak", "transport/link/tx/lease", text)
-    size = settings.of_mode("transport/link/tx/queue/size/real_time")
-    if isinstance(size, int) and size < SMALL_QUEUE:
-        text = f"{size}: decisions are dropped even on a healthy link; `ssm` itself uses {SMALL_QUEUE}"
-        yield Finding("weak", "transport/link/tx/queue/size/real_time", text)
+    for queue, what in (("real_time", "decisions"), ("interactive_high", "commands")):
+        key = f"transport/link/tx/queue/size/{queue}"
+        size = settings.of_mode(key)
+        if isinstance(size, int) and size < SMALL_QUEUE:
+            text = f"{size}: {what} are dropped even on a healthy link; `ssm` itself uses {SMALL_QUEUE}"
+            yield Finding("weak", key, text)
 
 
 def _open_doors(settings: Settings) -> Iterator[Finding]:

@@ -44,19 +44,24 @@ class Outputs:
         self.valid_for_ns = valid_for_ns
         self._joint_names = joint_names
         self._encoder = msgspec.json.Encoder()
-        self._zone = self._publisher(session, keys.output("zone"), m.Zone)
-        self._command = self._publisher(session, keys.output("command"), m.VelocityCommand)
+        # Each has a queue of its own, so that together they last longer than a decision is valid.
+        self._zone = self._publisher(session, keys.output("zone"), m.Zone, zenoh.Priority.REAL_TIME)
+        self._command = self._publisher(
+            session, keys.output("command"), m.VelocityCommand, zenoh.Priority.INTERACTIVE_HIGH
+        )
         self._keys = keys
         self.zone_reply = self.command_reply = Reply(b"", "", b"")
         self.last: Decision | None = None
 
     @staticmethod
-    def _publisher(session: zenoh.Session, key: str, kind: type[m.Message]) -> zenoh.Publisher:
+    def _publisher(
+        session: zenoh.Session, key: str, kind: type[m.Message], priority: zenoh.Priority
+    ) -> zenoh.Publisher:
         return session.declare_publisher(
             key,
             encoding=encoding_of(kind),
             express=True,
-            priority=zenoh.Priority.REAL_TIME,
+            priority=priority,
             congestion_control=zenoh.CongestionControl.DROP,
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 import uuid
 from collections.abc import Callable
@@ -26,15 +25,12 @@ from .options import ServiceOptions
 from .outputs import Outputs, stopped
 from .publications import Publications
 from .queries import JSON, Reply, StoredReplies
+from .realtime import SpareTimeCollector
 from .separations import SeparationOutput
 from .statistics import RecentGreatest, Timings, resident_bytes
 
 DRAIN_SHARE = 0.3
 """Share of a period that draining the inputs may take."""
-
-COLLECT_EVERY_S = 10
-COLLECT_NEEDS_NS = 1_000_000
-"""Free time [ns] before the next tick below which the garbage collector is not run."""
 
 MAX_WARNINGS = 50
 
@@ -110,6 +106,7 @@ class Service:
         self._ticks = self._skipped = self._overruns = self._held_up_ns = 0
         for weakness in weaknesses(robot, self._monitor.profile.name, period_s=self._monitor.period_s):
             self.warn(str(weakness))
+        self._collector = SpareTimeCollector()
         self._started_ns = time.monotonic_ns()
         self._stopping = False
         # One tick that knows nothing, so that a query has a true answer from the start.
@@ -201,15 +198,9 @@ class Service:
     def _idle(self, until_ns: int) -> None:
         self._separations.work(self._outputs.last, time.monotonic_ns())
         self._replies.serve(until_ns)
-        second, of_second = divmod(self._ticks, round(self._options.rate_hz))
-        if of_second == 0:
+        if self._ticks % round(self._options.rate_hz) == 0:
             self._look_after_worker()
-        if (
-            of_second == 1
-            and second % COLLECT_EVERY_S == 0
-            and until_ns - time.monotonic_ns() > COLLECT_NEEDS_NS
-        ):
-            gc.collect()
+        self._collector.work(until_ns)
 
     def _look_after_worker(self) -> None:
         try:

@@ -17,7 +17,7 @@ import zenoh
 from ..client import Connection, Follower
 from ..model import Robot
 from ..service import Beat, FixedRateLoop
-from ..service.realtime import apply_realtime
+from ..service.realtime import SpareTimeCollector, apply_realtime
 from ..wire import Keys
 from ..wire.session import DEFAULT_ENDPOINT
 from .drivers import Drivers
@@ -199,7 +199,7 @@ def run_simulation(
                     log(f"not permitted: {'; '.join(refused)}")
             simulation = Simulation(session, options, robot, scenario, log, on_step)
             try:
-                FixedRateLoop(PERIOD_NS, spin_ns=0).run(simulation.step, lambda _until: None, running)
+                FixedRateLoop(PERIOD_NS, spin_ns=0).run(simulation.step, SpareTimeCollector().work, running)
             finally:
                 simulation.close()
             return simulation.summary()

@@ -29,6 +29,7 @@ COMMON: dict[str, Any] = {
     "transport/link/tx/keep_alive": 4,
     # With the default of 2, DROP loses samples on a healthy loopback.
     "transport/link/tx/queue/size/real_time": 16,
+    "transport/link/tx/queue/size/interactive_high": 16,
     # Small buffers keep what a frozen consumer finds on waking short.
     "transport/link/tcp/so_sndbuf": 8192,
     "transport/link/tcp/so_rcvbuf": 8192,

@@ -130,7 +130,7 @@ TIGHT = """{
   mode: "router",
   listen: { endpoints: ["tcp/127.0.0.1:7447"] },
   scouting: { multicast: { enabled: false }, gossip: { enabled: false } },
-  transport: { link: { tx: { lease: 100, queue: { size: { real_time: 16 } } } } },
+  transport: { link: { tx: { lease: 100, queue: { size: { real_time: 16, interactive_high: 16 } } } } },
 }"""
 
 
@@ -164,6 +164,12 @@ def test_a_tight_network_has_neither_faults_nor_weak_points(ssm, tmp_path):
         ("gossip: { enabled: false }", "", "weak", "scouting/gossip/enabled"),
         ("lease: 100", "lease: 10000", "weak", "transport/link/tx/lease"),
         ("real_time: 16", "real_time: 2", "weak", "transport/link/tx/queue/size/real_time"),
+        (
+            "interactive_high: 16",
+            "interactive_high: 2",
+            "weak",
+            "transport/link/tx/queue/size/interactive_high",
+        ),
         ('listen: { endpoints: ["tcp/127.0.0.1:7447"] },', "", "weak", "listen/endpoints"),
         ("tcp/127.0.0.1:7447", "tcp/127.example.org:7447", "weak", "listen/endpoints"),
         ("  scouting", '  connect: { endpoints: ["tcp/router:1"] }, scouting', "weak", "connect/endpoints"),
