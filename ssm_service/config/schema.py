@@ -7,11 +7,12 @@ from this module and those that it takes together (``ssm_service.config.referenc
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta, Struct, field
 
+from .motion import MotionConfig
 from .profiles import ProfileConfig
 from .rings import AssumptionsConfig, RingConfig
 from .section import Section, described
@@ -59,41 +60,6 @@ class LimitsConfig(Section, frozen=True, kw_only=True):
     position_margin_rad: Annotated[
         float,
         described("distance that is kept from each joint's position limits", "rad or m", ge=0.0, le=1.0),
-    ] = 0.02
-
-
-class MotionConfig(Section, frozen=True, kw_only=True):
-    """How targets become joint velocities ([Kang2022] (11)–(16) and Algorithm 1)."""
-
-    controller: Annotated[
-        Literal["field", "field3d"],
-        described(
-            "for `position` targets: the conventional potential field, or the 3-D field of the sensor ring"
-        ),
-    ] = "field"
-    speed_m_s: Annotated[
-        float, described("speed of the end effector under a `position` target", "m/s", gt=0.0, le=5.0)
-    ] = 0.1
-    attractive_gain: Annotated[float, described("ξ of the attractive field", "1/s²", gt=0.0, le=1e6)] = 1.0
-    repulsive_gain: Annotated[float, described("η of the repulsive field", "m⁴/s²", ge=0.0, le=1e6)] = 0.002
-    influence_distance_m: Annotated[
-        float, described("ρ0: obstacles beyond this distance do not repel", "m", gt=0.0, le=10.0)
-    ] = 0.3
-    approach_gain: Annotated[
-        float,
-        described("the end effector slows to this times its distance from the goal", "1/s", gt=0.0, le=100.0),
-    ] = 2.0
-    arrival_tolerance_m: Annotated[
-        float, described("the goal counts as reached within this distance", "m", gt=0.0, le=0.1)
-    ] = 0.001
-    singular_value_threshold: Annotated[
-        float,
-        described(
-            "damping begins where the Jacobian's least singular value is below this", "m/rad", gt=0.0, le=1.0
-        ),
-    ] = 0.02
-    max_damping: Annotated[
-        float, described("greatest damping λ, at a singular configuration", "m/rad", gt=0.0, le=1.0)
     ] = 0.02
 
 
