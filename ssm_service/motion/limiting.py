@@ -65,7 +65,7 @@ def limit_velocity(
     gain = acceleration * dt
     factor = 1.0
     for index, (want, before, here, fastest, low, high) in enumerate(zip(*rows, strict=True)):
-        _check(index, want, before, here, fastest, low, high)
+        check_joint(index, want, before, here, fastest, low, high)
         if want == 0.0:
             continue
         gap = high - margin - here if want > 0.0 else here - (low + margin)
@@ -82,10 +82,14 @@ def limit_velocity(
     return wanted * (factor * _SHRINK)
 
 
-def _check(
+def check_joint(
     index: int, want: float, before: float, here: float, fastest: float, low: float, high: float
 ) -> None:
-    """Refuse a joint whose numbers cannot be compared. NaN passes no comparison, so each test is positive."""
+    """Refuse a joint whose numbers cannot be compared. NaN passes no comparison, so each test is positive.
+
+    Raises:
+        InputError: ``not_finite`` or ``out_of_range``, see ``limit_velocity``.
+    """
     # Finite sum: cheaper than three tests, and NaN or infinity in any of them spoils it.
     if not math.isfinite(want + before + here):
         found = {"wanted": want, "previous": before, "position": here}

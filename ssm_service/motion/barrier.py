@@ -1,0 +1,123 @@
+"""What a tick admits: how fast each pair may come closer, and how fast each joint may turn."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..config import FilterConfig
+from ..errors import InputError
+from .limiting import check_joint
+
+Array = NDArray[np.float64]
+
+
+class Box(NamedTuple):
+    """Least and greatest velocity of each joint, (k,) [rad/s]; 0 lies in between."""
+
+    lower: Array
+    upper: Array
+
+
+def approach_speeds(normals: Array, velocities: Array) -> Array:
+    """Return the obstacles' own speeds towards the links, (p,) [m/s]; negative where one moves off.
+
+    Args:
+        normals: (p, 3) unit, from the obstacle to the link, base frame.
+        velocities: (p, 3) of the obstacles [m/s], base frame.
+    """
+    speeds: Array = np.einsum("ij,ij->i", normals, velocities)
+    return speeds
+
+
+def barrier_bounds(distance: Array, approach: Array, config: FilterConfig) -> Array:
+    """Return the greatest closing speed of its own that each link may have, (p,) [m/s].
+
+    With ``h = d − margin`` the pair closes at ``−ḣ = c + approach``, where ``c`` is the link's own speed.
+    ``ḣ ≥ −α h`` keeps ``h ≥ 0`` for ever if it holds at first, and brings it back at the rate α if not:
+
+        c ≤ b = α (d − margin) − max(approach, 0)
+
+    ``b < 0`` asks the link to retreat at ``−b``, cut at the retreat speed. An obstacle that moves off gains
+    the link nothing: it may stop at any moment, and no one would have told the arm.
+
+    Args:
+        distance: (p,) signed [m]; −inf (a distance that failed) asks for the retreat speed.
+        approach: (p,) the obstacle's own speed towards the link [m/s], from ``approach_speeds``.
+        config: α, the margin, the retreat speed; pairs beyond the influence distance get ``inf``.
+
+    Returns:
+        (p,) [m/s], never below ``−retreat_speed_m_s``.
+
+    Raises:
+        InputError: ``not_finite`` for NaN, ``wrong_length``.
+    """
+    if distance.shape != approach.shape or distance.ndim != 1:
+        shapes = [distance.shape, approach.shape]
+        raise InputError("wrong_length", "approach", shapes, "one number for each distance")
+    bounds: Array = config.approach_gain * (distance - config.margin_m) - np.maximum(approach, 0.0)
+    np.maximum(bounds, -config.retreat_speed_m_s, out=bounds)
+    # No −inf is left, so that only NaN gives NaN.
+    if math.isnan(float(bounds.sum())):
+        found = {"distance": distance.tolist(), "approach": approach.tolist()}
+        raise InputError("not_finite", "pairs", found, "numbers")
+    bounds[distance > config.influence_distance_m] = math.inf
+    return bounds
+
+
+def velocity_box(
+    position: Array,
+    previous: Array,
+    lower: Array,
+    upper: Array,
+    speed_limit: Array,
+    margin: float,
+    acceleration: float,
+    dt: float,
+) -> Box:
+    """Return the velocities that each joint may have now: the limits of ``limit_velocity``, joint by joint.
+
+    Towards a position limit, at most ``min(speed_limit, √(2·acceleration·gap), gap/dt)``, and 0 at or beyond
+    the margin; a joint gains at most ``acceleration·dt`` over its last command and starts from 0 where it
+    turns round. Slowing down is never delayed: 0 is always admitted.
+
+    Args:
+        position: (k,) [rad].
+        previous: (k,) the command before this one [rad/s].
+        lower: (k,) lower position limits, may be −inf [rad].
+        upper: (k,) upper position limits, may be inf [rad].
+        speed_limit: (k,) ≥ 0, may be infinite [rad/s].
+        margin: Distance kept from the position limits [rad].
+        acceleration: Greatest speeding up [rad/s²].
+        dt: Time until the next command [s].
+
+    Returns:
+        Finite bounds with ``lower ≤ 0 ≤ upper`` [rad/s].
+
+    Raises:
+        InputError: ``not_finite``, ``out_of_range``, ``wrong_length``, as ``limit_velocity``.
+    """
+    if not (0.0 < dt < math.inf and 0.0 < acceleration < math.inf and margin >= 0.0):
+        found = {"dt": dt, "acceleration": acceleration, "margin": margin}
+        raise InputError("out_of_range", "limits", found, "dt > 0, acceleration > 0, margin ≥ 0")
+    rows = [array.tolist() for array in (position, previous, lower, upper, speed_limit)]
+    if len({len(row) for row in rows}) != 1:
+        raise InputError("wrong_length", "position", [len(row) for row in rows], "one number for each joint")
+    gain = acceleration * dt
+    least: list[float] = []
+    greatest: list[float] = []
+    for index, (here, before, low, high, fastest) in enumerate(zip(*rows, strict=True)):
+        check_joint(index, 0.0, before, here, fastest, low, high)
+        for bounds, gap, start in (
+            (least, here - (low + margin), max(-before, 0.0)),
+            (greatest, high - margin - here, max(before, 0.0)),
+        ):
+            bounds.append(
+                min(fastest, start + gain, math.sqrt(2.0 * acceleration * gap), gap / dt)
+                if gap > 0.0
+                else 0.0
+            )
+    return Box(-np.array(least, dtype=np.float64), np.array(greatest, dtype=np.float64))
