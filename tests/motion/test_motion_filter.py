@@ -75,8 +75,8 @@ def test_fulfils_every_constraint_and_the_conditions_of_optimality(seed):
     tight = case.gradients @ found.velocity >= np.maximum(case.bounds, 0.0) - 1e-5
     normals = [
         *case.gradients[tight & case.gradients.any(axis=1)],
-        *np.eye(K)[found.velocity >= case.upper - 1e-7],
-        *-np.eye(K)[found.velocity <= case.lower + 1e-7],
+        *np.eye(K)[found.velocity >= case.upper - 1e-6],
+        *-np.eye(K)[found.velocity <= case.lower + 1e-6],
     ]
     slope = case.slope(found.velocity)
     scaled = [normal / np.linalg.norm(normal) for normal in normals]
