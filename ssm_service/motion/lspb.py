@@ -23,8 +23,8 @@ from ..errors import InputError
 def lspb_speed(elapsed: float, remaining: float, *, speed: float, acceleration: float) -> float:
     """Return the speed of the segment by its clock and its way: ``min(v, a·t, √(2 a e))``.
 
-    Along an undisturbed segment this is the segment's own speed. Whoever was held up or led astray on the
-    way goes by what remains instead of by the clock: he need not catch up, and still comes to rest at the end.
+    Along an undisturbed segment this is the segment's own speed. What was held up or led astray on the
+    way goes by what remains instead of by the clock: it need not catch up, and still comes to rest.
 
     Args:
         elapsed: t, time since the start [s]; not above 0 gives 0.
