@@ -2,6 +2,7 @@
 
 from .barrier import Box, approach_speeds, barrier_bounds, velocity_box
 from .changeover import Changeover
+from .circulation import Circulation
 from .clik import Critical, activation, avoidance_velocity, clik_velocity, influence_radius, pose_error
 from .differential import damped_pseudo_inverse
 from .field3d import field3d, field3d_as_printed, sensor_steps
@@ -23,6 +24,7 @@ from .tracking import angular_approach, linear_approach, rotation_of
 __all__ = [
     "Box",
     "Changeover",
+    "Circulation",
     "Closest",
     "Critical",
     "CriticalSegment",
