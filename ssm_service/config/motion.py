@@ -78,8 +78,11 @@ class MotionConfig(Section, frozen=True, kw_only=True):
         ),
     ] = "field"
     speed_m_s: Annotated[
-        float, described("speed of the end effector under a `position` target", "m/s", gt=0.0, le=5.0)
+        float, described("speed of the end effector towards a `position` or `pose`", "m/s", gt=0.0, le=5.0)
     ] = 0.1
+    rotation_speed_rad_s: Annotated[
+        float, described("speed at which a `pose` target is turned to", "rad/s", gt=0.0, le=10.0)
+    ] = 0.5
     attractive_gain: Annotated[float, described("ξ of the attractive field", "1/s²", gt=0.0, le=1e6)] = 1.0
     repulsive_gain: Annotated[float, described("η of the repulsive field", "m⁴/s²", ge=0.0, le=1e6)] = 0.002
     influence_distance_m: Annotated[

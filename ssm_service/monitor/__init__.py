@@ -4,7 +4,6 @@ from .decision import Comparison, Decision, Nearest, SourceReport
 from .estimates import Estimators
 from .evaluate import EvaluatedPair, Evaluation, EvaluationInput, Evaluator
 from .inputs import (
-    SUPPORTED_TARGET_KINDS,
     TARGET_KINDS,
     Inputs,
     JointSample,
@@ -22,7 +21,6 @@ from .weakness import Weakness, weaknesses
 
 __all__ = [
     "SOURCES",
-    "SUPPORTED_TARGET_KINDS",
     "TARGET_KINDS",
     "Comparison",
     "Decision",

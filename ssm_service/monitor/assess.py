@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from msgspec import Struct
 
 from ..config import SourcesConfig
-from ..model import ClosestPair
+from ..model import ClosestPair, Pairs
 from ..safety import SourceStatus, Zone, ZoneProfile, forces_stop
 from .decision import Comparison, Nearest, SourceReport
 from .ranges import RangeReading
@@ -44,11 +44,13 @@ class Seen(Struct, frozen=True, kw_only=True, eq=False):
         things: What each sees nearest, if it sees anything.
         reading: The scan; ``None`` without a fresh one.
         comparison: Both sources side by side; ``None`` unless both are fresh.
+        pairs: Every monitored link with every tracked obstacle; ``None`` where nobody asked for them.
     """
 
     things: Sequence[Nearest] = ()
     reading: RangeReading | None = None
     comparison: Comparison | None = None
+    pairs: Pairs | None = None
 
 
 def assess(

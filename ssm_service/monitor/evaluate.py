@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
 from ..config import SourcesConfig
 from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Pairs, Robot
-from ..motion import sensor_steps
 from ..perception import RingEstimates
 from ..safety import SeparationTerms, SourceState, SourceStatus, Zone, ZoneProfile
 from .assess import Assessment, Seen, assess, compare, nearest_by_obstacles
-from .command import limited_velocity, separated_velocity, wanted_velocity, zone_speed_limit
+from .command import zone_speed_limit
+from .commander import Commander
+from .decision import Nearest
 from .estimates import Estimators
 from .inputs import JointSample, Target
 from .ranges import RangeReader, RangeReading
 from .reaction import configured_reaction
 from .separated import Separated
 from .separation import SeparationStep, Sight
+from .snapshot import Keeping, Snapshot
 
 EVALUATION_PERIOD_S = 0.002
 """The tick [s] that an evaluated command is meant for, where nobody says."""
@@ -110,7 +114,6 @@ class Evaluator:
             self._separation = SeparationStep(robot, profile, profile.config.separation)
         self._reader: RangeReader | None = None
         self._estimators: Estimators | None = None
-        self._steps = sensor_steps([ring.count for ring in robot.rings])
 
     def prepare(self) -> None:
         """Do now what the first question with readings would have to wait for."""
@@ -148,7 +151,7 @@ class Evaluator:
             if question.ranges is None or not robot.rings
             else self._ring_parts()[1].of(question.ranges, kinematics),
             kinematics=kinematics,
-            velocity=self._velocity(question, kinematics, now, limit, separated),
+            velocity=self._velocity(question, kinematics, now, seen.things, limit, separated),
             separation=separated,
         )
 
@@ -270,6 +273,7 @@ class Evaluator:
         question: EvaluationInput,
         kinematics: Kinematics,
         now: Assessment,
+        things: Sequence[Nearest],
         limit: NDArray[np.float64],
         separated: Separated | None,
     ) -> NDArray[np.float64] | None:
@@ -277,17 +281,20 @@ class Evaluator:
             return None
         if now.zone is Zone.STOP:
             return np.zeros(len(limit))
-        robot = self._robot
-        wanted = wanted_velocity(
-            robot, kinematics, question.target, now.nearest, question.ranges, self._steps
+        position, commander = question.joints.position, Commander(self._robot, self._period_s)
+        pairs = None
+        if question.obstacles is not None and commander.needs_pairs(question.target):
+            pairs = self._distance.pairs(position)
+        snapshot = Snapshot(
+            kinematics=kinematics,
+            joints=question.joints,
+            target=question.target,
+            nearest=now.nearest,
+            things=things,
+            ranges=question.ranges,
+            obstacles=question.obstacles or (),
+            pairs=pairs,
         )
         limits = [] if separated is None else [separated.limit]
-        wanted = separated_velocity(self._separation, limits, wanted)
-        return limited_velocity(
-            robot,
-            wanted,
-            previous=wanted,  # as if it had been reached: the acceleration limit does not bind
-            position=question.joints.position,
-            speed_limit=limit,
-            period_s=self._period_s,
-        )
+        keeping = Keeping(speed_limit=limit, limits=limits, separation=self._separation)
+        return commander.step(snapshot, keeping, self._distance, settled=True)

@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from ..config import ControllerName
 from ..errors import InputError, listed
 from ..model import Obstacle, Robot
 
@@ -22,8 +23,11 @@ T = TypeVar("T")
 TARGET_KINDS = ("joint_velocity", "twist", "position", "pose")
 """The words that ``Target.kind`` may hold on the wire."""
 
-SUPPORTED_TARGET_KINDS = ("joint_velocity", "twist", "position")
-"""Those of ``TARGET_KINDS`` that a controller exists for."""
+FREE_JOINTS_OF_MODE = {"clik-2": 5, "clik-3": 6}
+"""How many free joints a controller needs to keep what it promises to keep."""
+
+QUATERNION_TOLERANCE = 1e-3
+"""How far from unit length a quaternion may be; senders round."""
 
 POSITION_SLACK = 0.5
 """How far beyond a joint's limits [rad or m] a measured position may lie before it is refused."""
@@ -48,13 +52,16 @@ class Target(Struct, frozen=True, kw_only=True, eq=False):
     """The wanted motion.
 
     Attributes:
-        kind: ``joint_velocity`` (n values, rad/s), ``twist`` (6 values, m/s and rad/s of the end effector in
-            the base frame) or ``position`` (3 values, m, of the end effector in the base frame).
+        kind: ``joint_velocity`` (n values, rad/s); or of the end effector in the base frame: ``twist`` (6
+            values, m/s and rad/s), ``position`` (3 values, m), ``pose`` (7 values: position, m, and unit
+            quaternion, x y z w).
         value: The values.
+        controller: The method; ``None`` for the robot file's.
     """
 
     kind: str
     value: NDArray[np.float64]
+    controller: ControllerName | None = None
 
 
 class Received(Struct, Generic[T], frozen=True, kw_only=True, eq=False):
@@ -195,15 +202,24 @@ def range_scan(robot: Robot, ranges: Sequence[float | None]) -> NDArray[np.float
     return scan
 
 
-def checked_target(robot: Robot, kind: str, value: Sequence[float]) -> Target:
+def checked_target(
+    robot: Robot, kind: str, value: Sequence[float], controller: ControllerName | None = None
+) -> Target:
     """Check a target.
 
+    Args:
+        robot: The robot.
+        kind: One of ``TARGET_KINDS``.
+        value: See ``Target``; a quaternion may be off unit length by 1e-3 and is brought to it.
+        controller: The method; ``None`` for the robot file's.
+
     Raises:
-        InputError: ``unsupported_kind``, ``wrong_length``, ``not_finite`` or ``out_of_range``.
+        InputError: ``unsupported_kind``, ``unsupported_controller``, ``wrong_length``, ``not_finite`` or
+            ``out_of_range``.
     """
-    if kind not in SUPPORTED_TARGET_KINDS:
-        raise InputError("unsupported_kind", "target.kind", kind, listed(SUPPORTED_TARGET_KINDS))
-    length = {"joint_velocity": len(robot.joint_names), "twist": 6, "position": 3}[kind]
+    if kind not in TARGET_KINDS:
+        raise InputError("unsupported_kind", "target.kind", kind, listed(TARGET_KINDS))
+    length = {"joint_velocity": len(robot.joint_names), "twist": 6, "position": 3, "pose": 7}[kind]
     if len(value) != length:
         raise InputError(
             "wrong_length", "target.value", f"{len(value)} values", f"{length} values for {kind}"
@@ -212,7 +228,36 @@ def checked_target(robot: Robot, kind: str, value: Sequence[float]) -> Target:
         raise InputError("not_finite", "target.value", value, "finite numbers")
     if any(abs(number) > 1000.0 for number in value):
         raise InputError("out_of_range", "target.value", value, "±1000")
-    if kind == "twist" and len(robot.free) < 6 and any(value[3:]):
-        allowed = f"zeros: {len(robot.free)} free joints cannot hold an orientation"
+    _check_orientation(robot, kind, value)
+    _check_controller(robot, controller)
+    numbers = np.array(value, dtype=np.float64)
+    if kind == "pose":
+        numbers[3:] /= math.hypot(*value[3:])
+    return Target(kind=kind, value=numbers, controller=controller)
+
+
+def _check_orientation(robot: Robot, kind: str, value: Sequence[float]) -> None:
+    """Refuse a target that asks for an orientation which the free joints cannot give."""
+    free = len(robot.free)
+    if kind == "twist" and free < 6 and any(value[3:]):
+        allowed = f"zeros: {free} free joints cannot hold an orientation"
         raise InputError("out_of_range", "target.value[3:6]", list(value[3:]), allowed)
-    return Target(kind=kind, value=np.array(value, dtype=np.float64))
+    if kind == "pose":
+        if free < 6:
+            allowed = f"joint_velocity, twist or position: {free} free joints cannot hold an orientation"
+            raise InputError("unsupported_kind", "target.kind", kind, allowed)
+        if not abs(math.hypot(*value[3:]) - 1.0) <= QUATERNION_TOLERANCE:
+            raise InputError("out_of_range", "target.value[3:7]", list(value[3:]), "a unit quaternion")
+
+
+def _check_controller(robot: Robot, controller: ControllerName | None) -> None:
+    """Refuse a method that this robot has not what it takes for."""
+    if controller is None:
+        return
+    needed = FREE_JOINTS_OF_MODE.get(controller, 0)
+    if len(robot.free) < needed:
+        allowed = f"a method for {len(robot.free)} free joints; this one needs {needed}"
+        raise InputError("unsupported_controller", "target.controller", controller, allowed)
+    if controller == "field3d" and not robot.rings:
+        allowed = "a method that needs no sensor ring; the robot file has none"
+        raise InputError("unsupported_controller", "target.controller", controller, allowed)

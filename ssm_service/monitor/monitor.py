@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..config import ProfileConfig
 from ..errors import ConfigError, listed, suggestion
 from ..model import ClosestPair, DistanceModel, Kinematics, Obstacle, Robot
-from ..motion import sensor_steps
 from ..safety import Least, LeastHeld, SourceState, SourceStatus, Zone, ZoneMachine, ZoneProfile, classify
 from .assess import Assessment, Seen, assess, compare, nearest_by_obstacles
-from .command import limited_velocity, separated_velocity, wanted_velocity, zone_speed_limit
+from .command import zone_speed_limit
+from .commander import Commander
 from .decision import Comparison, Decision
 from .evaluate import Evaluation, EvaluationInput, Evaluator
 from .inputs import Inputs
@@ -22,6 +19,7 @@ from .ranges import RangeReader, RangeReading
 from .reaction import reaction_times
 from .separated import Limit, Separated
 from .separation import SeparationStep, Sight
+from .snapshot import Keeping, Snapshot
 
 SOURCES = ("joints", "ranges", "obstacles", "target")
 
@@ -56,14 +54,6 @@ def _check_period(robot: Robot, period_s: float) -> None:
 def default_valid_for(period_s: float) -> float:
     """Return for how long a decision may be acted on [s]: the greater of 20 ms and three periods."""
     return max(0.020, 3.0 * period_s)
-
-
-class _Allowed(NamedTuple):
-    """What a command may be: nothing in ``stop``, else within the joints' limits and those of the pairs."""
-
-    zone: Zone
-    speed_limit: NDArray[np.float64]
-    limits: list[Limit]
 
 
 class Monitor:
@@ -112,8 +102,7 @@ class Monitor:
         self._comparison: Comparison | None = None
         self._evaluator: Evaluator | None = None
         self._plausibility = Plausibility.of(robot, period_s, self.valid_for_s)
-        self._steps = sensor_steps([ring.count for ring in robot.rings])
-        self._velocity = np.zeros(len(robot.joint_names))
+        self._commander = Commander(robot, period_s)
         self._tick = 0
 
     def step(self, inputs: Inputs) -> Decision:
@@ -144,7 +133,12 @@ class Monitor:
         limit = zone_speed_limit(self.robot, self.profile, beside)
         limits = [separated.limit] if separated is not None else []
         limits += [least.cause] if least.cause is not None else []
-        velocity = self._command(inputs, statuses["target"], kinematics, now, _Allowed(zone, limit, limits))
+        keeping = Keeping(speed_limit=limit, limits=limits, separation=self._separation)
+        if statuses["target"].reason is not None:
+            now.reasons.append(statuses["target"].reason)
+        snapshot = None
+        if zone is not Zone.STOP and "target" in fresh:
+            snapshot = self._snapshot(inputs, kinematics, seen, now)
         return Decision(
             tick=self._tick,
             zone=zone,
@@ -155,7 +149,9 @@ class Monitor:
             comparison=now.comparison,
             speed_limit=np.minimum(limit, share * self.robot.velocity_limit),
             speed_scaling=min(self.profile.speed_scaling(beside), share),
-            velocity=velocity,
+            velocity=self._commander.stand()
+            if snapshot is None
+            else self._commander.step(snapshot, keeping, self._distance),
             reasons=tuple(now.reasons),
             position=None
             if kinematics is None or inputs.joints.value is None
@@ -186,7 +182,7 @@ class Monitor:
         position = inputs.joints.value.position
         kinematics = self.robot.kinematics(position)
         ranges, obstacles = inputs.ranges.value, inputs.obstacles.value
-        reading, exact, comparison = None, None, None
+        reading, exact, comparison, pairs = None, None, None, None
         if "ranges" in fresh and ranges is not None and self.robot.rings:
             reading = self.range_reader.read(ranges, position, kinematics, tracked="obstacles" in fresh)
         if "obstacles" in fresh and obstacles is not None:
@@ -194,12 +190,22 @@ class Monitor:
                 self._distance.set_obstacles(obstacles)
                 self._obstacles = obstacles
             exact = self._distance.nearest(position)
+            if self._asks_for_pairs(inputs, fresh):
+                pairs = self._distance.pairs(position)
             if reading is not None:
                 comparison = self._compare(reading, exact, (ranges, obstacles))
         things = [None if reading is None else reading.nearest, nearest_by_obstacles(exact)]
         return kinematics, Seen(
-            things=[thing for thing in things if thing is not None], reading=reading, comparison=comparison
+            things=[thing for thing in things if thing is not None],
+            reading=reading,
+            comparison=comparison,
+            pairs=pairs,
         )
+
+    def _asks_for_pairs(self, inputs: Inputs, fresh: set[str]) -> bool:
+        """Tell whether the profile or the target's method looks at every link with every obstacle."""
+        target = inputs.target.value if "target" in fresh else None
+        return self._separation is not None or (target is not None and self._commander.needs_pairs(target))
 
     def _separate(
         self,
@@ -211,13 +217,10 @@ class Monitor:
         """Return every pair's separation, of what is fresh; ``None`` without one, or without fresh joints."""
         if self._separation is None or kinematics is None or inputs.joints.value is None:
             return None
-        joints, pairs = inputs.joints.value, None
-        if "obstacles" in fresh:
-            pairs = self._distance.pairs(joints.position)
         sight = Sight(
             kinematics=kinematics,
-            velocity=joints.velocity,
-            pairs=pairs,
+            velocity=inputs.joints.value.velocity,
+            pairs=seen.pairs,
             obstacles=self._obstacles,
             reading=seen.reading,
             reactions=reaction_times(self.robot, inputs, fresh, self.period_s),
@@ -290,35 +293,24 @@ class Monitor:
         """Return a stop where the inputs are in due form and cannot be true."""
         if self._plausibility is None:
             return Zone.GREEN
-        words = self._plausibility.step(inputs, fresh, self._velocity, kinematics)
+        words = self._plausibility.step(inputs, fresh, self._commander.previous, kinematics)
         now.reasons.extend(words)
         return Zone.STOP if words else Zone.GREEN
 
-    def _command(
-        self,
-        inputs: Inputs,
-        target: SourceStatus,
-        kinematics: Kinematics | None,
-        now: Assessment,
-        allowed: _Allowed,
-    ) -> NDArray[np.float64]:
-        wanted, zone = np.zeros(len(allowed.speed_limit)), allowed.zone
-        if target.reason is not None:
-            now.reasons.append(target.reason)
-        elif kinematics is not None and inputs.target.value is not None and zone is not Zone.STOP:
-            ranges = inputs.ranges.value if now.sources["ranges"].status.state is SourceState.FRESH else None
-            wanted = wanted_velocity(
-                self.robot, kinematics, inputs.target.value, now.nearest, ranges, self._steps
-            )
-        if zone is Zone.STOP or kinematics is None or inputs.joints.value is None:
-            self._velocity = np.zeros(len(wanted))
-        else:
-            self._velocity = limited_velocity(
-                self.robot,
-                separated_velocity(self._separation, allowed.limits, wanted),
-                previous=self._velocity,
-                position=inputs.joints.value.position,
-                speed_limit=allowed.speed_limit,
-                period_s=self.period_s,
-            )
-        return self._velocity
+    def _snapshot(
+        self, inputs: Inputs, kinematics: Kinematics | None, seen: Seen, now: Assessment
+    ) -> Snapshot | None:
+        """Return what a command can be made from; ``None`` without a target or without fresh joints."""
+        joints, target = inputs.joints.value, inputs.target.value
+        if kinematics is None or joints is None or target is None:
+            return None
+        return Snapshot(
+            kinematics=kinematics,
+            joints=joints,
+            target=target,
+            nearest=now.nearest,
+            things=seen.things,
+            ranges=None if seen.reading is None else inputs.ranges.value,
+            obstacles=self._obstacles,
+            pairs=seen.pairs,
+        )

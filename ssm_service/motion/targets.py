@@ -75,6 +75,74 @@ def twist_to_joints(
     return _spread(jacobian_full[:3, free], free, twist[:3], config, n)
 
 
+def linear_to_joints(
+    jacobian: NDArray[np.float64],
+    free: NDArray[np.intp],
+    velocity: NDArray[np.float64],
+    config: MotionConfig,
+    n: int,
+) -> NDArray[np.float64]:
+    """Return the joint velocities that move the end effector, whatever its orientation does.
+
+    Args:
+        jacobian: (3, k) linear rows, columns of the free joints, base axes [m/rad].
+        free: (k,) indices of the joints that may move.
+        velocity: (3,) [m/s], base frame.
+        config: Damping.
+        n: Number of joints.
+
+    Returns:
+        (n,) [rad/s]; 0 for every joint that is not free.
+
+    Raises:
+        InputError: ``wrong_length``, ``not_finite``.
+    """
+    _check_vector(velocity, 3, "velocity")
+    return _spread(jacobian, free, velocity, config, n)
+
+
+def field_velocity(
+    position: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    config: MotionConfig,
+    *,
+    controller: str,
+    obstacle: ObstaclePoint | None = None,
+    transforms_sensor_to_base: NDArray[np.float64] | None = None,
+    ranges: NDArray[np.float64] | None = None,
+    steps: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Return the velocity that takes the end effector to a goal in a potential field.
+
+    Args:
+        position: (3,) of the end effector [m], base frame.
+        goal: (3,) [m], base frame.
+        config: Gains and speeds.
+        controller: ``field`` or ``field3d``.
+        obstacle: What repels in the conventional field.
+        transforms_sensor_to_base: (m, 4, 4) [m], for the 3-D field.
+        ranges: (m,) readings [m] for the 3-D field, infinite is no echo. Without transforms or readings that
+            field gives no motion: it could avoid nothing.
+        steps: (m,) weights of the sensors from ``sensor_steps``; left out, all sensors are one ring's.
+
+    Returns:
+        (3,) [m/s], base frame.
+
+    Raises:
+        InputError: ``wrong_length``, ``not_finite``, ``out_of_range``; ``unsupported_controller`` for a
+            method that is no field.
+    """
+    _check_vector(position, 3, "position")
+    _check_vector(goal, 3, "goal")
+    if controller == "field":
+        return conventional_field(position, goal, obstacle, config)
+    if controller != "field3d":
+        raise InputError("unsupported_controller", "controller", controller, "field or field3d")
+    if transforms_sensor_to_base is None or ranges is None:
+        return np.zeros(3)
+    return field3d(position, goal, transforms_sensor_to_base, ranges, config, steps)
+
+
 def position_to_joints(
     position: NDArray[np.float64],
     goal: NDArray[np.float64],
@@ -109,12 +177,14 @@ def position_to_joints(
     Raises:
         InputError: ``wrong_length``, ``not_finite``, ``out_of_range``.
     """
-    _check_vector(position, 3, "position")
-    _check_vector(goal, 3, "goal")
-    if config.controller == "field":
-        velocity = conventional_field(position, goal, obstacle, config)
-    elif transforms_sensor_to_base is None or ranges is None:
-        return np.zeros(n)
-    else:
-        velocity = field3d(position, goal, transforms_sensor_to_base, ranges, config, steps)
+    velocity = field_velocity(
+        position,
+        goal,
+        config,
+        controller=config.controller,
+        obstacle=obstacle,
+        transforms_sensor_to_base=transforms_sensor_to_base,
+        ranges=ranges,
+        steps=steps,
+    )
     return _spread(jacobian, free, velocity, config, n)

@@ -60,7 +60,7 @@ def target_value(robot: Robot, message: m.Target) -> MonitorTarget:
     Raises:
         InputError: See ``monitor.checked_target``.
     """
-    return checked_target(robot, message.kind, message.value)
+    return checked_target(robot, message.kind, message.value, message.controller)
 
 
 VALUES = {
@@ -190,13 +190,14 @@ def question_from(robot: Robot, message: m.EvaluateInput) -> EvaluationInput:
     Raises:
         InputError: One of the values is not acceptable.
     """
-    target = message.target
+    asked = message.target
+    target = None if asked is None else checked_target(robot, asked.kind, asked.value, asked.controller)
     return EvaluationInput(
         joints=joint_sample(robot, message.position, message.velocity, message.name),
         velocity_known=message.velocity is not None,
         ranges=None if message.ranges is None else range_scan(robot, message.ranges),
         obstacles=None if message.obstacles is None else obstacles_from(message.obstacles),
-        target=None if target is None else checked_target(robot, target.kind, target.value),
+        target=target,
     )
 
 

@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
+from ..config import ControllerName
+
 Identity = Annotated[
     str, Meta(min_length=1, max_length=64, description="random id made at the producer's start")
 ]
@@ -113,6 +115,7 @@ class Target(Message, frozen=True, kw_only=True):
     stamp_ns: Stamp
     kind: Literal["joint_velocity", "twist", "position", "pose"]
     value: Annotated[list[float], Meta(max_length=64)]
+    controller: ControllerName | None = None
 
 
 class Echo(Message, frozen=True, kw_only=True):
@@ -233,6 +236,7 @@ class EvaluateTarget(Message, frozen=True, kw_only=True):
 
     kind: Literal["joint_velocity", "twist", "position", "pose"]
     value: Annotated[list[float], Meta(max_length=64)]
+    controller: ControllerName | None = None
 
 
 class EvaluateInput(Message, frozen=True, kw_only=True):

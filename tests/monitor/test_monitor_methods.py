@@ -1,0 +1,227 @@
+"""Every method through the real monitor: it arrives, it retreats, it never jumps."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssm_service.errors import InputError
+from ssm_service.model import DistanceModel, Obstacle, Robot
+from ssm_service.monitor import Inputs, JointSample, Monitor, Received, Target, checked_target
+
+ROBOTS = Path(__file__).parents[2] / "robots"
+DT = 0.004
+METHODS = ("field", "clik-1", "clik-2", "clik-3", "filter")
+START = np.array([0.3, -1.3, 1.4, -0.6, -1.2, 0.4])
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory) -> Robot:
+    """The UR3 with six free joints and a tracker instead of rings."""
+    text = (ROBOTS / "ur3.toml").read_text()
+    top, _, rest = text.partition("[joints.locked]")
+    hulls = rest[rest.index("[hull_pieces]") : rest.index("# Terabee")]
+    own = """
+[limits]
+acceleration_rad_s2 = 4.0
+[sources]
+joints = { required = true, timeout_s = 0.1 }
+ranges = { required = false, timeout_s = 0.4 }
+obstacles = { required = true, timeout_s = 0.25 }
+target = { required = false, timeout_s = 0.5 }
+[motion]
+speed_m_s = 0.25
+[profiles.kang2022]
+uncovered = "off"
+recovery_ticks = 20
+red = { distance_m = 0.01, joint_speed_rad_s = 2.5, speed_scaling = 0.25 }
+yellow = { distance_m = 0.02, joint_speed_rad_s = 3.0, speed_scaling = 0.5 }
+"""
+    file = tmp_path_factory.mktemp("robots") / "arm.toml"
+    top = top.replace('"wrist_1_joint"     #', '"ee_link"           #')
+    file.write_text(top + hulls + own)
+    return Robot.load(file)
+
+
+class Run:
+    """An arm that obeys at once, and a monitor that commands it."""
+
+    def __init__(self, robot: Robot, position=START, obstacles: tuple[Obstacle, ...] = (), dt=DT) -> None:
+        self.monitor, self.dt = Monitor(robot, period_s=dt), dt
+        self.position = np.array(position, dtype=np.float64)
+        self.velocity = np.zeros(6)
+        self.obstacles = obstacles
+        self.decision = None
+
+    def tick(self, target: Target | None) -> np.ndarray:
+        """Let one period pass; return the command."""
+        sample = JointSample(position=self.position.copy(), velocity=self.velocity)
+        inputs = Inputs(
+            joints=Received(value=sample, age_s=0.0),
+            obstacles=Received(value=self.obstacles, age_s=0.0),
+            target=Received(value=target, age_s=None if target is None else 0.0),
+        )
+        self.decision = self.monitor.step(inputs)
+        self.velocity = self.decision.velocity
+        self.position = self.position + self.velocity * self.dt
+        return self.velocity
+
+    def settle(self) -> None:
+        """Let the zone recover from the start."""
+        for _ in range(25):
+            self.tick(None)
+
+
+def end(robot: Robot, position) -> np.ndarray:
+    return robot.kinematics(position).transform_end_effector_to_base
+
+
+def pose_of(robot: Robot, position) -> list[float]:
+    from scipy.spatial.transform import Rotation
+
+    T = end(robot, position)
+    return [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_quat()]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_pose_is_reached_and_held(arm, method):
+    goal = START + np.array([0.3, 0.2, -0.2, 0.3, 0.2, -0.4])
+    target = checked_target(arm, "pose", pose_of(arm, goal), method)
+    run = Run(arm)
+    run.settle()
+    for _ in range(1500):
+        run.tick(target)
+    here, there = end(arm, run.position), end(arm, goal)
+    assert np.linalg.norm(here[:3, 3] - there[:3, 3]) < 2e-3
+    assert math.acos(min(1.0, (np.trace(here[:3, :3].T @ there[:3, :3]) - 1.0) / 2.0)) < 5e-3
+
+
+@pytest.mark.parametrize("method", ["clik-1", "clik-2", "clik-3"])
+def test_a_position_is_reached_without_turning_under_clik(arm, method):
+    goal = end(arm, START)[:3, 3] + [0.05, -0.1, 0.08]
+    run = Run(arm)
+    run.settle()
+    for _ in range(700):
+        run.tick(checked_target(arm, "position", goal.tolist(), method))
+    here = end(arm, run.position)
+    assert np.linalg.norm(here[:3, 3] - goal) < 2e-3
+    np.testing.assert_allclose(here[:3, :3], end(arm, START)[:3, :3], atol=2e-3)
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(METHODS, 2)))
+def test_a_changeover_makes_no_command_jump(arm, first, second):
+    here = end(arm, START)[:3, 3]
+    ball = Obstacle(
+        id="ball", shape="sphere", size=(0.05,), position=tuple(here + np.array([0.1, 0.05, 0.14]))
+    )
+    run = Run(arm, obstacles=(ball,))
+    run.settle()
+    before = np.zeros(6)
+    greatest = arm.config.file.limits.acceleration_rad_s2 * DT
+    targets = [
+        checked_target(arm, "position", (here + np.array([0.15, 0.0, 0.05])).tolist(), first),
+        checked_target(arm, "position", (here + np.array([-0.1, 0.15, 0.0])).tolist(), second),
+    ]
+    changes, moved = [], []
+    for tick in range(85):
+        velocity = run.tick(targets[tick >= 60])
+        changes.append(np.abs(velocity - before).max())
+        moved.append(np.abs(velocity).max())
+        before = velocity
+    assert max(changes[60:]) <= greatest * (1 + 1e-9)
+    assert moved[59] > 10 * greatest
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)])
+def test_an_arm_at_rest_retreats_from_what_comes(arm, direction):
+    """Within the limits: at 0.1 m/s the arm can give way, so it is never touched."""
+    away = np.array(direction)
+    run = Run(arm)
+    hand = end(arm, START)[:3, 3]
+    distances, least = DistanceModel(arm), math.inf
+    stay = checked_target(arm, "joint_velocity", [0.0] * 6, "filter")
+    for tick in range(900):
+        centre = hand + away * (0.25 - 0.1 * tick * DT)
+        ball = Obstacle(
+            id="ball", shape="sphere", size=(0.04,), position=tuple(centre), velocity=tuple(-0.1 * away)
+        )
+        run.obstacles = (ball,)
+        run.tick(stay)
+        distances.set_obstacles(run.obstacles)
+        least = min(least, distances.nearest(run.position).distance)
+    assert least > 0.0
+    assert np.abs(run.position - START).max() > 0.02
+    assert (run.position > arm.position_lower).all()
+
+
+def test_no_method_drives_through_a_joint_limit(arm):
+    margin = arm.config.file.limits.position_margin_rad
+    for method, sign in itertools.product(METHODS, (-1.0, 1.0)):
+        near = np.clip(START + sign * 10.0, arm.position_lower + 0.1, arm.position_upper - 0.1)
+        run = Run(arm, near)
+        for _ in range(400):
+            run.tick(checked_target(arm, "joint_velocity", [sign * 2.0] * 6, method))
+        assert (run.position <= arm.position_upper - margin + 1e-12).all()
+        assert (run.position >= arm.position_lower + margin - 1e-12).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_singularity_makes_no_command_jump(arm, method):
+    """The stretched arm is driven outward through the end of its reach: half the tick, half the change."""
+    changes = []
+    for dt in (DT, DT / 4.0):
+        run = Run(arm, np.array([0.2, -1.0, 0.25, -1.2, -1.0, 0.3]), dt=dt)
+        run.settle()
+        outward = end(arm, run.position)[:3, 3]
+        twist = checked_target(
+            arm, "twist", [*(0.1 * outward / np.linalg.norm(outward)), 0.0, 0.0, 0.0], method
+        )
+        found = np.array([run.tick(twist) for _ in range(round(0.6 / dt))])
+        assert np.abs(found[-1]).max() < 0.5 * np.abs(found).max()
+        changes.append(np.abs(np.diff(found, axis=0)).max())
+    assert changes[1] < 0.3 * changes[0]
+
+
+def test_the_targets_method_goes_before_the_files(arm):
+    ball = Obstacle(
+        id="ball", shape="sphere", size=(0.05,), position=tuple(end(arm, START)[:3, 3] + [0.0, 0.12, 0.16])
+    )
+    goal = (end(arm, START)[:3, 3] + [0.1, 0.1, 0.2]).tolist()
+    found = []
+    for method in (None, "field", "filter"):
+        run = Run(arm, obstacles=(ball,))
+        run.settle()
+        for _ in range(30):
+            run.tick(checked_target(arm, "position", goal, method))
+        found.append(run.velocity)
+    np.testing.assert_array_equal(found[0], found[1])
+    assert np.abs(found[0] - found[2]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "controller", "cause"),
+    [
+        ("pose", [0.2, 0.1, 0.3, 0.0, 0.0, 0.0, 1.0], None, "unsupported_kind"),
+        ("position", [0.2, 0.1, 0.3], "clik-2", "unsupported_controller"),
+        ("position", [0.2, 0.1, 0.3], "clik-3", "unsupported_controller"),
+    ],
+)
+def test_three_joints_cannot_hold_an_orientation(robot, kind, value, controller, cause):
+    with pytest.raises(InputError) as error:
+        checked_target(robot, kind, value, controller)
+    assert error.value.cause == cause
+
+
+def test_without_rings_there_is_no_field3d(arm):
+    with pytest.raises(InputError, match="ring"):
+        checked_target(arm, "position", [0.2, 0.1, 0.3], "field3d")
+
+
+@pytest.mark.parametrize("quaternion", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.01)])
+def test_a_quaternion_must_have_unit_length(arm, quaternion):
+    with pytest.raises(InputError, match="unit quaternion"):
+        checked_target(arm, "pose", [0.2, 0.1, 0.3, *quaternion])
