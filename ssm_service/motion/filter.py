@@ -67,6 +67,7 @@ class Filtered(Struct, frozen=True, kw_only=True, eq=False):
         missed: By how much the worst pair that the joints can move stays behind its retreat [m/s].
         status: ``free``: nothing was in the way; ``solved``; ``fallback``: the solver failed, and this is the
             best of standing, a part of the wanted velocity and a part of the retreat.
+        rows: How many rows of pairs went into the programme; 0 where it was not needed.
     """
 
     velocity: Array
@@ -74,6 +75,7 @@ class Filtered(Struct, frozen=True, kw_only=True, eq=False):
     retreating: bool
     missed: float
     status: Status
+    rows: int = 0
 
 
 class VelocityFilter:
@@ -150,15 +152,22 @@ def _check(
         right.append((count, count))
     if shapes != right:
         raise InputError("wrong_length", "programme", shapes, str(right))
-    for name, array in (("wanted", wanted), ("gradients", gradients), ("lower", lower), ("upper", upper)):
-        if not math.isfinite(float(array.sum())):
-            raise InputError("not_finite", name, array.tolist(), "finite numbers")
-    if metric is not None and not math.isfinite(float(metric.sum())):
-        raise InputError("not_finite", "metric", metric.tolist(), "finite numbers")
+    # A product with itself spoils on NaN and infinity, and costs a quarter of a test of each number.
+    flat = gradients.reshape(-1)
+    squares = float(wanted @ wanted) + float(flat @ flat)
+    if metric is not None:
+        weights = metric.reshape(-1)
+        squares += float(weights @ weights)
+    if not math.isfinite(squares):
+        found = {"wanted": wanted.tolist(), "gradients": gradients.tolist()}
+        raise InputError("not_finite", "programme", found, "finite numbers, and a finite metric")
     if len(bounds) and not float(bounds.min()) > -math.inf:
         raise InputError("not_finite", "bounds", bounds.tolist(), "numbers, or inf for no bound")
-    if count and not (float(lower.max()) <= 0.0 <= float(upper.min())):
-        raise InputError("out_of_range", "box", [lower.tolist(), upper.tolist()], "lower ≤ 0 ≤ upper")
+    for low, high in zip(lower.tolist(), upper.tolist(), strict=True):
+        if not (-math.inf < low <= 0.0 <= high < math.inf):
+            cause = "out_of_range" if math.isfinite(low + high) else "not_finite"
+            found = {"lower": lower.tolist(), "upper": upper.tolist()}
+            raise InputError(cause, "box", found, "finite, lower ≤ 0 ≤ upper")
 
 
 class _Programme:
@@ -181,6 +190,8 @@ class _Programme:
         closing = towards @ upper + away @ lower
         self._caps = np.maximum(bounds, TOLERANCE_M_S)
         self._hard = (closing > self._caps).nonzero()[0]
+        self._hard_rows = gradients[self._hard]
+        self._hard_bounds = np.maximum(bounds[self._hard], 0.0)
         self._asked = (bounds < 0.0).nonzero()[0]
         if len(self._asked):
             opening = towards[self._asked] @ lower + away[self._asked] @ upper
@@ -190,9 +201,8 @@ class _Programme:
         """Return the solution, or what can be had without the solver."""
         start = np.minimum(np.maximum(self._wanted, self._lower), self._upper)
         if not len(self._asked):
-            rows = self._hard
-            nearest = self._metric is None or bool((start == self._wanted).all())
-            if nearest and bool((self._gradients[rows] @ start <= self._bounds[rows].clip(0.0)).all()):
+            nearest = self._metric is None or start.tolist() == self._wanted.tolist()
+            if nearest and bool((self._hard_rows @ start <= self._hard_bounds).all()):
                 return Filtered(velocity=start, active=(), retreating=False, missed=0.0, status="free")
         found = self._optimum()
         if found is None:
@@ -201,31 +211,40 @@ class _Programme:
 
     def _optimum(self) -> Array | None:
         """Return what the solver says, (k,), unless it says that it failed."""
-        hard, asked = self._hard, self._most_urgent()
-        k, p, r = len(self._wanted), len(hard), len(asked)
-        # Variables q̇ and s/λ; DAQP takes the first k + r bounds for those of the variables.
-        hessian = np.eye(k + r)
-        linear = np.zeros(k + r)
-        if self._metric is not None:
-            hessian[:k, :k] = self._metric
-        linear[:k] = -(hessian[:k, :k] @ self._wanted)
-        rows = np.zeros((p + r, k + r))
-        rows[:p, :k] = self._gradients[hard]
-        upper = np.full(k + r + p + r, _FREE)
-        lower = np.full(k + r + p + r, -_FREE)
-        upper[:k], lower[:k], lower[k : k + r] = self._upper, self._lower, 0.0
-        upper[k + r : k + r + p] = self._bounds[hard].clip(0.0)
-        if r:
-            rows[p:, :k] = self._gradients[asked]
-            rows[p:, k:].flat[:: r + 1] = -self._damping
-            upper[k + r + p :] = self._bounds[asked]
-        sense = np.zeros(len(upper), dtype=np.int32)
+        weights = np.eye(len(self._wanted)) if self._metric is None else self._metric
+        linear = -(weights @ self._wanted)
+        data = (weights, linear, self._hard_rows, self._lower, self._upper, self._hard_bounds)
+        hessian, linear, rows, lower, upper, bounds = self._with_retreats(*data) if len(self._asked) else data
+        count = len(bounds)
+        highest = np.concatenate((upper, bounds))
+        lowest = np.concatenate((lower, np.full(count, -_FREE)))
+        sense = np.zeros(len(highest), dtype=np.int32)
         solution, _, flag, _ = daqp.solve(
-            hessian, linear, rows, upper, lower, sense,
+            hessian, linear, rows, highest, lowest, sense,
             primal_tol=_PRIMAL_TOLERANCE, iter_limit=_ITERATIONS,
         )  # fmt: skip
-        found = np.array(solution[:k])
-        return found if flag > 0 and math.isfinite(float(found.sum())) else None
+        found = np.array(solution[: len(self._wanted)])
+        return found if flag > 0 and math.isfinite(float(found @ found)) else None
+
+    def _with_retreats(
+        self, weights: Array, linear: Array, hard: Array, lower: Array, upper: Array, bounds: Array
+    ) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Return the programme in the variables q̇ and s/λ, with a row more for each retreat."""
+        asked = self._most_urgent()
+        k, p, r = len(linear), len(hard), len(asked)
+        hessian = np.eye(k + r)
+        hessian[:k, :k] = weights
+        rows = np.zeros((p + r, k + r))
+        rows[:p, :k], rows[p:, :k] = hard, self._gradients[asked]
+        rows[np.arange(p, p + r), np.arange(k, k + r)] = -self._damping
+        return (
+            hessian,
+            np.concatenate((linear, np.zeros(r))),
+            rows,
+            np.concatenate((lower, np.zeros(r))),
+            np.concatenate((upper, np.full(r, _FREE))),
+            np.concatenate((bounds, self._bounds[asked])),
+        )
 
     def _most_urgent(self) -> NDArray[np.intp]:
         """Return the pairs whose retreat is a task, in an order of their own if not all can be."""
@@ -275,15 +294,25 @@ class _Programme:
         return missed
 
     def _told(self, velocity: Array, status: Status) -> Filtered:
-        missed = self._missed(velocity)
-        tight = self._gradients[self._hard] @ velocity >= self._bounds[self._hard].clip(0.0) - TOLERANCE_M_S
-        rows = np.union1d(self._hard[tight], self._asked)
-        offence = self._gradients[rows] @ self._wanted - self._bounds[rows]
-        opening = missed + self._bounds[self._asked]
+        """Return the velocity with what there is to say about it."""
+        values = (self._hard_rows @ velocity).tolist()
+        offered = zip(self._hard.tolist(), values, self._hard_bounds.tolist(), strict=True)
+        tight = {row for row, value, bound in offered if value >= bound - TOLERANCE_M_S}
+        missed, retreating = 0.0, False
+        if len(self._asked):
+            tight.update(self._asked.tolist())
+            behind = self._missed(velocity)
+            missed = max(0.0, float(behind.max()))
+            retreating = float((behind + self._bounds[self._asked]).min()) < -TOLERANCE_M_S
+        rows = sorted(tight)
+        if len(rows) > 1:
+            offence = (self._gradients[rows] @ self._wanted - self._bounds[rows]).tolist()
+            rows = [rows[i] for i in sorted(range(len(rows)), key=lambda i: -offence[i])]
         return Filtered(
             velocity=velocity,
-            active=tuple(rows[np.argsort(-offence, kind="stable")].tolist()),
-            retreating=bool((opening < -TOLERANCE_M_S).any()),
-            missed=max(0.0, float(missed.max(initial=0.0))),
+            active=tuple(rows),
+            retreating=retreating,
+            missed=missed,
             status=status,
+            rows=len(self._hard) + min(len(self._asked), MOST_RETREATS),
         )
