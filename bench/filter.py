@@ -65,7 +65,8 @@ The parts are those of another arm, driven by them alone without zones; their su
 monitor does besides, such as measuring the nearest pairs to the triangles.
 'rows': how many pairs went into the programme, on average over the ticks in which it was solved.
 The solvers get the same programmes, all rows, without retreats and without the check of the result; \
-'difference' is the greatest from daqp's in any joint [rad/s]. Those that are not installed are left out.
+'unsolved' are those that it calls unsolvable (each has a solution), and 'difference' is the greatest from \
+daqp's in any joint in the others [rad/s]. Those that are not installed are left out.
 The garbage collector is off, as in the service.\
 """
 
@@ -245,19 +246,23 @@ def solver_rows(programmes: Sequence[Programme]) -> list[Row]:
         if importlib.util.find_spec(name) is None:
             continue
         solve = solver()
-        times_ns, worst = [], 0.0
-        for index, programme in enumerate(programmes):
+        times_ns, found = [], []
+        for programme in programmes:
             prepared = programme.prepared()
             begin = time.perf_counter_ns()
-            found = solve(*prepared)
+            found.append(solve(*prepared))
             times_ns.append(time.perf_counter_ns() - begin)
-            if name == "daqp":
-                exact.append(found)
-            elif len(found) == len(exact[index]):
-                worst = max(worst, float(np.abs(found - exact[index]).max(initial=0.0)))
-            else:
-                worst = math.inf
-        table.append(row(f"{name} {version(name)}", times_ns, difference=None if name == "daqp" else worst))
+        exact = exact or found
+        off = [np.abs(one - other).max() for one, other in zip(found, exact, strict=True)]
+        solved = [value for value in off if math.isfinite(value)]
+        table.append(
+            row(
+                f"{name} {version(name)}",
+                times_ns,
+                unsolved=len(off) - len(solved),
+                difference=None if found is exact else float(max(solved, default=math.nan)),
+            )
+        )
     return table
 
 
@@ -329,6 +334,7 @@ def main() -> None:
             "added_us": "added [µs]",
             "share_percent": "share of ticks [%]",
             "rows": "rows",
+            "unsolved": "unsolved",
             "difference": "difference",
         },
         rows=table,

@@ -16,6 +16,7 @@ Prepared = tuple[Array, Array, Array, Array, Array, Array]
 """Hessian (k, k), linear (k,), rows (p, k), their upper bounds (p,), and the box, (k,) each."""
 
 Solve = Callable[[Array, Array, Array, Array, Array, Array], Array]
+"""Returns the solution, (k,), or NaN where the solver says that there is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,7 +50,8 @@ def daqp() -> Solve:
         highest = np.concatenate([high, upper])
         lowest = np.concatenate([low, np.full(len(rows), -1e30)])
         sense = np.zeros(len(highest), dtype=np.int32)
-        return np.array(package.solve(hessian, linear, rows, highest, lowest, sense, primal_tol=1e-9)[0])
+        found, _, flag, _ = package.solve(hessian, linear, rows, highest, lowest, sense, primal_tol=1e-9)
+        return np.array(found) if flag > 0 else np.full(len(linear), np.nan)
 
     return solve
 
@@ -75,7 +77,8 @@ def proxsuite() -> Solve:
         below = np.full(len(rows), -1e20)
         problem.init(hessian, linear, None, None, rows, below, upper, low, high)
         problem.solve()
-        return np.array(problem.results.x)
+        solved = problem.results.info.status == package.proxqp.QPSolverOutput.PROXQP_SOLVED
+        return np.array(problem.results.x) if solved else np.full(len(linear), np.nan)
 
     return solve
 
@@ -93,7 +96,9 @@ def clarabel() -> Solve:
         cones = [package.NonnegativeConeT(sides.shape[0])]
         limits = np.concatenate([high, -low, upper])
         solver = package.DefaultSolver(sparse.csc_matrix(hessian), linear, sides, limits, cones, settings)
-        return np.array(solver.solve().x)
+        result = solver.solve()
+        solved = result.status == package.SolverStatus.Solved
+        return np.array(result.x) if solved else np.full(len(linear), np.nan)
 
     return solve
 
