@@ -121,7 +121,7 @@ def _ball(space: Any, views: Any) -> None:
         color="0.6",
         alpha=0.7,
     )
-    for axes, across in zip(views, (x, z), strict=True):
+    for axes, across in zip(views, (x, z), strict=False):
         axes.add_patch(Circle((y, across), radius, color="0.7"))
 
 

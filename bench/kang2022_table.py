@@ -82,6 +82,11 @@ def path_difference(path: Array, reference: Array) -> Array:
     return np.array(least)
 
 
+def thinned(path: Array) -> Array:
+    """Return every fifth point, a few millimetres apart, and the last one."""
+    return np.vstack((path[::5], path[-1:]))
+
+
 def row(runs: Sequence[Run], ideal: Run | None) -> Row:
     """Return a line of the table: the first run's figures, and of how many the goal was reached.
 
@@ -116,7 +121,7 @@ def row(runs: Sequence[Run], ideal: Run | None) -> Row:
         result[f"mean_{zone}"] = float(inside.mean()) if len(inside) else None
         result[f"most_{zone}"] = float(inside.max()) if len(inside) else None
     if ideal is not None:
-        difference = path_difference(record.place, ideal.record.place[::5])
+        difference = path_difference(record.place, thinned(ideal.record.place))
         result |= {"path_most_m": float(difference.max()), "path_mean_m": float(difference.mean())}
     return result
 
