@@ -27,8 +27,8 @@ class Commander:
     def __init__(self, robot: Robot, period_s: float) -> None:
         self._robot = robot
         self._period_s = period_s
-        self._methods = Methods(robot)
         self._filtering = Filtering(robot, period_s)
+        self._methods = Methods(robot, self._filtering.around)
         self._changeover = Changeover(robot.config.file.limits.acceleration_rad_s2, period_s)
         self.previous = np.zeros(len(robot.joint_names))
 

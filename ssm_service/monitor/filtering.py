@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..model import DistanceModel, Pairs, Robot, closing_gradients, moved_by
-from ..motion import Filtered, VelocityFilter, approach_speeds, barrier_bounds, task_metric, velocity_box
+from ..motion import (
+    Circulation,
+    Filtered,
+    VelocityFilter,
+    approach_speeds,
+    barrier_bounds,
+    task_metric,
+    velocity_box,
+)
 from .snapshot import Snapshot
 
 Array = NDArray[np.float64]
@@ -18,8 +28,12 @@ EXACT_BELOW_M = 0.15
 """Beyond this the hull's few millimetres make no difference."""
 
 
+BLOCKED_SHARE = 0.3
+"""The way counts as blocked where less than this of the wanted velocity of the end effector is left."""
+
+
 class Filtering:
-    """Brings a wanted velocity within what every pair and every joint admits; keeps the last result.
+    """Brings a wanted velocity within what every pair and every joint admits, and goes round what blocks it.
 
     Tracked obstacles enter with their velocities; one whose velocity nobody knows counts as standing, as the
     zones and the profile's separation answer for what it may do. What a ring sees nearest is one pair more.
@@ -37,6 +51,9 @@ class Filtering:
         self._config = robot.config.file.motion.filter
         self._period_s = period_s
         self._filter = VelocityFilter()
+        self._circulation = Circulation(self._config)
+        self._goal: bytes | None = None
+        self._blocked, self._normal = False, np.zeros(3)
         self._links = robot.monitored_links
         self._moved = {link: moved_by(robot, link) for link in self._links}
         for array in robot.sensor_arrays:
@@ -45,8 +62,25 @@ class Filtering:
         self.last: Filtered | None = None
 
     def reset(self) -> None:
-        """Forget the tick before."""
+        """Forget the ticks before."""
         self.last = None
+        self._circulation.reset()
+        self._blocked, self._normal = False, np.zeros(3)
+
+    def around(self, snapshot: Snapshot, linear: Array) -> Array:
+        """Return the wanted velocity of the end effector with what leads round what blocked the last tick.
+
+        Args:
+            snapshot: Robot and target, which is a ``position`` or a ``pose``.
+            linear: (3,) towards the goal [m/s], base frame.
+        """
+        goal = snapshot.target.value[:3]
+        if self._goal != goal.tobytes():
+            self._goal = goal.tobytes()
+            self._circulation.reset()
+        place = snapshot.kinematics.transform_end_effector_to_base[:3, 3]
+        distance = math.dist(place.tolist(), goal.tolist())
+        return linear + self._circulation.step(linear, self._normal, self._blocked, distance, self._period_s)
 
     def step(
         self,
@@ -77,32 +111,46 @@ class Filtering:
             limits.acceleration_rad_s2,
             self._period_s,
         )
-        gradients, bounds = self._rows(snapshot, distances)
+        gradients, bounds, normals = self._rows(snapshot, distances)
         metric = None
         if snapshot.target.kind != "joint_velocity":
             metric = task_metric(snapshot.kinematics.jacobian)
         self.last = self._filter.solve(wanted[free], gradients[:, free], bounds, box, metric)
         velocity = np.zeros(len(wanted))
         velocity[free] = self.last.velocity
+        self._look(snapshot.kinematics.jacobian, wanted[free], self.last, normals)
         return velocity
 
-    def _rows(self, snapshot: Snapshot, distances: DistanceModel) -> tuple[Array, Array]:
-        """Return g, (p, n), and b, (p,), of all pairs within the influence distance."""
+    def _look(self, jacobian: Array, wanted: Array, found: Filtered, normals: Array) -> None:
+        """Keep whether the pairs left nearly nothing of the end effector's motion, and which one most."""
+        asked, left = jacobian @ wanted, jacobian @ found.velocity
+        size = float(asked @ asked)
+        stopped = size > 0.0 and float(asked @ left) < BLOCKED_SHARE * size
+        self._blocked = bool(found.active) and stopped
+        self._normal = normals[found.active[0]] if found.active else np.zeros(3)
+
+    def _rows(self, snapshot: Snapshot, distances: DistanceModel) -> tuple[Array, Array, Array]:
+        """Return g, (p, n), b, (p,), and the normals, (p, 3), of all pairs within the influence distance."""
         gradients, bounds = [np.empty((0, len(self._robot.joint_names)))], [np.empty(0)]
+        normals = [np.empty((0, 3))]
         if snapshot.pairs is not None and len(snapshot.pairs):
             tracked = self._tracked(snapshot, snapshot.pairs, distances)
             gradients.append(tracked[0])
             bounds.append(tracked[1])
+            normals.append(tracked[2])
         for thing in snapshot.things:
             if thing.source == "ranges":
-                points, normals = thing.point_on_link[np.newaxis], thing.normal[np.newaxis]
+                points, normal = thing.point_on_link[np.newaxis], thing.normal[np.newaxis]
                 spatial = snapshot.kinematics.spatial_jacobian
                 moved = self._moved[thing.link][np.newaxis]
-                gradients.append(closing_gradients(spatial, moved, points, normals))
+                gradients.append(closing_gradients(spatial, moved, points, normal))
+                normals.append(normal)
                 bounds.append(barrier_bounds(np.array([thing.distance]), np.zeros(1), self._config))
-        return np.concatenate(gradients), np.concatenate(bounds)
+        return np.concatenate(gradients), np.concatenate(bounds), np.concatenate(normals)
 
-    def _tracked(self, snapshot: Snapshot, pairs: Pairs, distances: DistanceModel) -> tuple[Array, Array]:
+    def _tracked(
+        self, snapshot: Snapshot, pairs: Pairs, distances: DistanceModel
+    ) -> tuple[Array, Array, Array]:
         near = (pairs.distance < self._config.influence_distance_m).nonzero()[0]
         order = near[np.argsort(pairs.distance[near], kind="stable")]
         nearest = order[:MOST_EXACT]
@@ -118,4 +166,4 @@ class Filtering:
             normals,
         )
         approach = approach_speeds(normals, speeds[pairs.obstacle[near]])
-        return gradients, barrier_bounds(pairs.distance[near], approach, self._config)
+        return gradients, barrier_bounds(pairs.distance[near], approach, self._config), normals

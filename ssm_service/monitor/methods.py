@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import get_args
 
 import numpy as np
@@ -41,10 +42,12 @@ class Methods:
 
     Args:
         robot: The robot.
+        around: What ``filter`` makes of the velocity towards a goal whose way is blocked.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, around: Callable[[Snapshot, Array], Array] | None = None) -> None:
         self._robot = robot
+        self._around = around
         self._config = robot.config.file.motion
         self._count = len(robot.joint_names)
         self._steps = sensor_steps([ring.count for ring in robot.rings])
@@ -77,6 +80,8 @@ class Methods:
             return self._twist(snapshot, target.value)
         T_base_end = kinematics.transform_end_effector_to_base
         linear = linear_approach(T_base_end[:3, 3], target.value[:3], self._config)
+        if self._around is not None and self.controller(target) == "filter":
+            linear = self._around(snapshot, linear)
         goal = self._orientation(snapshot, holding=holding)
         if goal is None:
             return self._linear(snapshot, linear)
