@@ -54,7 +54,8 @@ def test_known_rows():
     assert radius["default"] == "**required**"
     assert rows()["profiles.NAME.red.distance_m"] == rows()["profiles.NAME.yellow.distance_m"]
     assert rows()["sources.obstacles"]["default"].startswith("`{ required = false, timeout_s = 0.25, ")
-    assert rows()["motion.controller"]["type"] == "`field` or `field3d`"
+    controllers = "`clik-1` or `clik-2` or `clik-3` or `field` or `field3d` or `filter`"
+    assert rows()["motion.controller"]["type"] == controllers
 
 
 @pytest.mark.parametrize("path", sorted(robots_directory().glob("*.toml")), ids=lambda path: path.stem)
