@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +22,29 @@ from .snapshot import Snapshot
 
 Array = NDArray[np.float64]
 
-MOST_EXACT = 6
-"""Pairs of a tick that are measured to the link's triangles, the nearest ones; hulls are never too far."""
+MOST_EXACT = 4
+"""Pairs of a tick that are measured to the link's triangles, those that hold the motion back most.
+
+The hulls alone would do: they are never too far."""
 
 EXACT_BELOW_M = 0.15
 """Beyond this the hull's few millimetres make no difference."""
+
+
+class Rows(NamedTuple):
+    """The programme's p rows.
+
+    Attributes:
+        gradients: (p, n) g [m/rad].
+        bounds: (p,) b [m/s].
+        normals: (p, 3) unit, from the obstacle to the link, base frame.
+        pair: (p,) indices into ``Snapshot.pairs``; -1 for what a ring sees.
+    """
+
+    gradients: Array
+    bounds: Array
+    normals: Array
+    pair: NDArray[np.intp]
 
 
 BLOCKED_SHARE = 0.3
@@ -97,7 +116,7 @@ class Filtering:
             wanted: (n,) [rad/s].
             previous: (n,) the last command [rad/s].
             speed_limit: (n,) of the zone [rad/s].
-            distances: Measures the nearest pairs exactly.
+            distances: Measures the pairs exactly that hold the motion back.
         """
         robot, free = self._robot, self._robot.free
         limits = robot.config.file.limits
@@ -111,15 +130,30 @@ class Filtering:
             limits.acceleration_rad_s2,
             self._period_s,
         )
-        gradients, bounds, normals = self._rows(snapshot, distances)
         metric = None
         if snapshot.target.kind != "joint_velocity":
             metric = task_metric(snapshot.kinematics.jacobian)
-        self.last = self._filter.solve(wanted[free], gradients[:, free], bounds, box, metric)
+        rows = self._rows(snapshot)
+        found = self._filter.solve(wanted[free], rows.gradients[:, free], rows.bounds, box, metric)
+        if self._refine(snapshot.pairs, rows.pair[list(found.active)], distances):
+            rows = self._rows(snapshot)
+            found = self._filter.solve(wanted[free], rows.gradients[:, free], rows.bounds, box, metric)
+        self.last = found
         velocity = np.zeros(len(wanted))
-        velocity[free] = self.last.velocity
-        self._look(snapshot.kinematics.jacobian, wanted[free], self.last, normals)
+        velocity[free] = found.velocity
+        self._look(snapshot.kinematics.jacobian, wanted[free], found, rows.normals)
         return velocity
+
+    @staticmethod
+    def _refine(pairs: Pairs | None, active: NDArray[np.intp], distances: DistanceModel) -> bool:
+        """Measure the pairs exactly that hold the motion back; tell whether there were any."""
+        if pairs is None:
+            return False
+        active = active[active >= 0][:MOST_EXACT]
+        inexact = active[(pairs.distance[active] < EXACT_BELOW_M) & ~pairs.exact[active]]
+        if len(inexact):
+            distances.refine(pairs, inexact.tolist())
+        return bool(len(inexact))
 
     def _look(self, jacobian: Array, wanted: Array, found: Filtered, normals: Array) -> None:
         """Keep whether the pairs left nearly nothing of the end effector's motion, and which one most."""
@@ -129,34 +163,32 @@ class Filtering:
         self._blocked = bool(found.active) and stopped
         self._normal = normals[found.active[0]] if found.active else np.zeros(3)
 
-    def _rows(self, snapshot: Snapshot, distances: DistanceModel) -> tuple[Array, Array, Array]:
-        """Return g, (p, n), b, (p,), and the normals, (p, 3), of all pairs within the influence distance."""
-        gradients, bounds = [np.empty((0, len(self._robot.joint_names)))], [np.empty(0)]
-        normals = [np.empty((0, 3))]
+    def _rows(self, snapshot: Snapshot) -> Rows:
+        """Return the rows of all pairs within the influence distance."""
+        found = []
         if snapshot.pairs is not None and len(snapshot.pairs):
-            tracked = self._tracked(snapshot, snapshot.pairs, distances)
-            gradients.append(tracked[0])
-            bounds.append(tracked[1])
-            normals.append(tracked[2])
+            found.append(self._tracked(snapshot, snapshot.pairs))
+        spatial = snapshot.kinematics.spatial_jacobian
         for thing in snapshot.things:
             if thing.source == "ranges":
-                points, normal = thing.point_on_link[np.newaxis], thing.normal[np.newaxis]
-                spatial = snapshot.kinematics.spatial_jacobian
+                points, normals = thing.point_on_link[np.newaxis], thing.normal[np.newaxis]
                 moved = self._moved[thing.link][np.newaxis]
-                gradients.append(closing_gradients(spatial, moved, points, normal))
-                normals.append(normal)
-                bounds.append(barrier_bounds(np.array([thing.distance]), np.zeros(1), self._config))
-        return np.concatenate(gradients), np.concatenate(bounds), np.concatenate(normals)
+                found.append(
+                    Rows(
+                        gradients=closing_gradients(spatial, moved, points, normals),
+                        bounds=barrier_bounds(np.array([thing.distance]), np.zeros(1), self._config),
+                        normals=normals,
+                        pair=np.array([-1]),
+                    )
+                )
+        if len(found) == 1:
+            return found[0]
+        count = len(self._robot.joint_names)
+        found.append(Rows(np.empty((0, count)), np.empty(0), np.empty((0, 3)), np.empty(0, dtype=np.intp)))
+        return Rows(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
-    def _tracked(
-        self, snapshot: Snapshot, pairs: Pairs, distances: DistanceModel
-    ) -> tuple[Array, Array, Array]:
+    def _tracked(self, snapshot: Snapshot, pairs: Pairs) -> Rows:
         near = (pairs.distance < self._config.influence_distance_m).nonzero()[0]
-        order = near[np.argsort(pairs.distance[near], kind="stable")]
-        nearest = order[:MOST_EXACT]
-        exact = nearest[(pairs.distance[nearest] < EXACT_BELOW_M) & ~pairs.exact[nearest]]
-        if len(exact):
-            distances.refine(pairs, exact.tolist())
         speeds = np.array([one.velocity or (0.0, 0.0, 0.0) for one in snapshot.obstacles])
         normals = pairs.normal[near]
         gradients = closing_gradients(
@@ -166,4 +198,5 @@ class Filtering:
             normals,
         )
         approach = approach_speeds(normals, speeds[pairs.obstacle[near]])
-        return gradients, barrier_bounds(pairs.distance[near], approach, self._config), normals
+        bounds = barrier_bounds(pairs.distance[near], approach, self._config)
+        return Rows(gradients=gradients, bounds=bounds, normals=normals, pair=near)
