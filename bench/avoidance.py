@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from . import sweep
-from .avoidance_methods import METHODS, PLANNER_CLEARANCE_M
-from .avoidance_run import ARRIVED_M, AS_FAST_AS_MAY, HORIZON_S, PERIOD_S, Outcome, Piece, run
+from .avoidance_methods import METHODS, PERIOD_S, PLANNER_CLEARANCE_M
+from .avoidance_run import ARRIVED_M, AS_FAST_AS_MAY, HORIZON_S, Outcome, Piece, run
 from .avoidance_scenes import KINDS
 from .common import Report, figure, parser, progress
 
@@ -41,6 +41,7 @@ COLUMNS = {
     "drove": "drove",
     "yielding": "yielded",
     "apart": "run into",
+    "itself": "itself",
     "least_m": "least d [m]",
     "least_p5_m": "5 % d [m]",
     "time_s": "time [s]",
@@ -71,6 +72,7 @@ def row(kind: str, method: str, found: Sequence[Outcome]) -> dict[str, Any]:
         "drove": sum(one.contact == "drove" for one in found),
         "yielding": sum(one.contact == "yielding" for one in found),
         "apart": sum(one.apart > 0 for one in found),
+        "itself": sum(one.itself > 0 for one in found),
         "least_m": min(least),
         "least_p5_m": float(np.percentile(least, 5.0)),
         "time_s": median([one.arrived_s for one in arrived]) if arrived else None,
@@ -127,7 +129,8 @@ def notes(rows: Sequence[dict[str, Any]], results: Sequence[Outcome]) -> Iterato
         "touched: scenes with a contact (exact, whole arm) that ends the run: drove, the link came nearer by "
         "itself; yielded, it stood or retreated more slowly than it might. Run into, counted apart: the "
         f"obstacle came, and the link retreated at {100 * AS_FAST_AS_MAY:g} % of what zone, joint limits and "
-        "other obstacles left, or could not"
+        "other threatened links left, or could not. itself: scenes in which links touched each other, by "
+        "their hulls; no method but the planner looks at that"
     )
     yield (
         f"tick every {1e3 * PERIOD_S:g} ms, tracker at 30 Hz without prediction, one tick to the arm, lag of "

@@ -11,15 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssm_service.config import ControllerName
-from ssm_service.model import Kinematics, Obstacle, Pairs, Robot, closing_gradients, moved_by
+from ssm_service.model import DistanceModel, Kinematics, Obstacle, Pairs, Robot
 from ssm_service.monitor import JointSample, Target
 from ssm_service.monitor.decision import Nearest
+from ssm_service.monitor.filtering import Filtering
 from ssm_service.monitor.methods import Methods
 from ssm_service.monitor.snapshot import Snapshot
-from ssm_service.motion import linear_approach, linear_to_joints
-from ssm_service.motion.barrier import Box, approach_speeds, barrier_bounds, velocity_box
-from ssm_service.motion.circulation import Circulation
-from ssm_service.motion.filter import Filtered, VelocityFilter, task_metric
 from ssm_service.motion.guide import PathGuide
 from ssm_service.motion.path import Path
 from ssm_service.motion.planner import plan
@@ -27,6 +24,9 @@ from ssm_service.motion.planner import plan
 from .avoidance_peer import Pink
 
 Array = NDArray[np.float64]
+
+PERIOD_S = 0.008
+"""Time from tick to tick [s]."""
 
 PLANNER_CLEARANCE_M = 0.045
 """The planner keeps this distance: a little more than the filter's margin, so that its paths are passable."""
@@ -53,6 +53,7 @@ class State:
         goal: (3,) [m].
         obstacles: As last tracked.
         pairs: Every link with every obstacle, by the hulls.
+        distances: Measures some of them exactly.
         ranges: (m,) of the ring [m], or None before its first scan.
         previous: (n,) the last command [rad/s].
         speed_limit: (n,) of the zone [rad/s].
@@ -66,6 +67,7 @@ class State:
     goal: Array
     obstacles: tuple[Obstacle, ...]
     pairs: Pairs
+    distances: DistanceModel
     ranges: Array | None
     previous: Array
     speed_limit: Array
@@ -94,17 +96,24 @@ class Service:
 
     def velocity(self, state: State) -> Array:
         """Return what the service would want."""
-        target = Target(kind="position", value=state.goal, controller=self._controller)
-        snapshot = Snapshot(
-            kinematics=state.kinematics,
-            joints=state.joints,
-            target=target,
-            nearest=_nearest(state.pairs),
-            ranges=state.ranges,
-            obstacles=state.obstacles,
-            pairs=state.pairs,
-        )
-        return self._methods.wanted(snapshot)
+        return self._methods.wanted(snapshot_of(state, self._controller))
+
+
+def snapshot_of(state: State, controller: ControllerName, velocity: Array | None = None) -> Snapshot:
+    """Return what the service's methods look at; with ``velocity``, a target of the joints' velocity."""
+    if velocity is None:
+        target = Target(kind="position", value=state.goal, controller=controller)
+    else:
+        target = Target(kind="joint_velocity", value=velocity, controller=controller)
+    return Snapshot(
+        kinematics=state.kinematics,
+        joints=state.joints,
+        target=target,
+        nearest=_nearest(state.pairs),
+        ranges=state.ranges,
+        obstacles=state.obstacles,
+        pairs=state.pairs,
+    )
 
 
 def _nearest(pairs: Pairs) -> Nearest | None:
@@ -123,7 +132,7 @@ def _nearest(pairs: Pairs) -> Nearest | None:
 
 
 class Filter:
-    """The quadratic programme with its circulation; ``planner``: with the planner behind it.
+    """The service's quadratic programme with its circulation; ``planner``: with the planner behind it.
 
     Args:
         robot: The arm.
@@ -132,70 +141,16 @@ class Filter:
     """
 
     def __init__(self, robot: Robot, *, circulating: bool = True, planner: bool = False) -> None:
-        self._config = robot.config.file.motion
-        self._moved = np.array([moved_by(robot, link) for link in robot.monitored_links])
-        self._filter = VelocityFilter()
-        self._circulation = Circulation(self._config.filter) if circulating else None
-        self._rescue = Rescue() if planner else None
-        self._blocked: tuple[bool, Array] = (False, np.zeros(3))
-        self.last: Filtered | None = None
+        self._filtering = Filtering(robot, PERIOD_S)
+        self._methods = Methods(robot, self._filtering.around if circulating else None)
+        self.rescue = Rescue() if planner else None
 
     def velocity(self, state: State) -> Array:
         """Return the velocity that the programme leaves."""
-        robot, jacobian = state.robot, state.kinematics.jacobian
-        wanted = None
-        if self._rescue is not None:
-            wanted = self._rescue.wanted(state)
-        metric = None
-        if wanted is None:
-            linear = linear_approach(state.end_effector, state.goal, self._config)
-            if self._circulation is not None:
-                blocked, normal = self._blocked
-                distance = float(np.linalg.norm(state.goal - state.end_effector))
-                linear = linear + self._circulation.step(linear, normal, blocked, distance, state.dt)
-            wanted = linear_to_joints(jacobian, robot.free, linear, self._config, len(robot.joint_names))
-            metric = task_metric(jacobian)
-        found = self._filtered(state, wanted[robot.free], metric)
-        velocity = np.zeros(len(wanted))
-        velocity[robot.free] = found.velocity
-        return velocity
-
-    def _filtered(self, state: State, wanted: Array, metric: Array | None) -> Filtered:
-        robot, pairs = state.robot, state.pairs
-        free = robot.free
-        speeds = np.array([one.velocity or (0.0, 0.0, 0.0) for one in state.obstacles]).reshape(-1, 3)
-        bounds = barrier_bounds(
-            pairs.distance, approach_speeds(pairs.normal, speeds[pairs.obstacle]), self._config.filter
-        )
-        gradients = closing_gradients(
-            state.kinematics.spatial_jacobian, self._moved[pairs.link], pairs.point_on_link, pairs.normal
-        )[:, free]
-        box = box_of(state)
-        found = self.last = self._filter.solve(wanted, gradients, bounds, box, metric)
-        # What the arm wanted of its hand, and what is left of it.
-        jacobian = state.kinematics.jacobian
-        asked, left = jacobian @ wanted, jacobian @ found.velocity
-        size = float(np.linalg.norm(asked))
-        stopped = size > 0.0 and float(asked @ left) < 0.3 * size * size
-        blocked = bool(found.active) and stopped
-        self._blocked = (blocked, pairs.normal[found.active[0]] if found.active else np.zeros(3))
-        return found
-
-
-def box_of(state: State) -> Box:
-    """Return the velocities of the free joints that limits admit."""
-    robot, limits = state.robot, state.robot.config.file.limits
-    free = robot.free
-    return velocity_box(
-        state.joints.position[free],
-        state.previous[free],
-        robot.position_lower[free],
-        robot.position_upper[free],
-        state.speed_limit[free],
-        limits.position_margin_rad,
-        limits.acceleration_rad_s2,
-        state.dt,
-    )
+        led = None if self.rescue is None else self.rescue.wanted(state)
+        snapshot = snapshot_of(state, "filter") if led is None else snapshot_of(state, "filter", led)
+        wanted = self._methods.wanted(snapshot)
+        return self._filtering.step(snapshot, wanted, state.previous, state.speed_limit, state.distances)
 
 
 @dataclass(slots=True)
@@ -272,5 +227,5 @@ METHODS: dict[str, Callable[[Robot], Method]] = {
 
 def info_of(method: Method) -> dict[str, Any]:
     """Return what a method has to say of itself after a run."""
-    rescue = getattr(method, "_rescue", None)
+    rescue = getattr(method, "rescue", None)
     return {"plans": rescue.plans if rescue is not None else 0, "failed": getattr(method, "failed", 0)}

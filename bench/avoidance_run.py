@@ -17,17 +17,17 @@ from ssm_service.model import DistanceModel, Kinematics, Obstacle, Pairs, Robot,
 from ssm_service.monitor import JointSample
 from ssm_service.monitor.command import limited_velocity, zone_speed_limit
 from ssm_service.motion.planner import plan
+from ssm_service.motion.self_collision import SelfCollision
 from ssm_service.perception import scan
 from ssm_service.safety import Zone, ZoneProfile
 from ssm_service.simulation import Plant
 from ssm_service.simulation.schedule import Periodic
 
-from .avoidance_methods import METHODS, PLANNER_CLEARANCE_M, State, box_of, info_of
-from .avoidance_scenes import Scene, World, draw, end_effector, robot
+from .avoidance_methods import METHODS, PERIOD_S, PLANNER_CLEARANCE_M, State, info_of
+from .avoidance_scenes import REST, Scene, World, draw, end_effector, robot
 
 Array = NDArray[np.float64]
 
-PERIOD_S = 0.008
 TRACKER_S = 1.0 / 30.0
 HORIZON_S = 40.0
 ARRIVED_M = 0.005
@@ -36,6 +36,12 @@ STILL_S = 6.0
 STILL_RAD = 0.01
 AS_FAST_AS_MAY = 0.8
 """A link that retreats with this share of what it may has done what it could."""
+
+THREATENED_M = 0.05
+"""Nearer than this to something that comes, a link is about to be touched."""
+
+ITSELF_TICKS = 5
+"""So many ticks apart it is looked whether the arm touches itself."""
 
 PLAN_SECONDS = 240.0
 PLAN_STATES = 200_000
@@ -78,6 +84,7 @@ class Outcome:
         planned: Length of the planner's path [rad]; None where there is none.
         instants: Ticks.
         over: Ticks with a joint faster than its zone allows, by more than 1 %.
+        itself: Looks at which the arm touched itself, by the hulls of links that no joint joins.
         goal_m: Distance to the goal at the end [m].
         times_us: Solve times [µs].
         info: What the method has to say.
@@ -98,6 +105,7 @@ class Outcome:
     path: float = 0.0
     instants: int = 0
     over: int = 0
+    itself: int = 0
     goal_m: float = math.inf
     times_us: list[float] = field(default_factory=list)
     info: dict[str, Any] = field(default_factory=dict)
@@ -107,19 +115,19 @@ class Eyes:
     """Distances to a set of obstacles, measured anew only where something has changed."""
 
     def __init__(self, arm: Robot) -> None:
-        self._distance = DistanceModel(arm)
+        self.distances = DistanceModel(arm)
         self._obstacles: tuple[Obstacle, ...] = ()
 
     def pairs(self, obstacles: tuple[Obstacle, ...], position: Array) -> Pairs:
         """Return all pairs by the hulls."""
         if obstacles is not self._obstacles:
-            self._distance.set_obstacles(obstacles)
+            self.distances.set_obstacles(obstacles)
             self._obstacles = obstacles
-        return self._distance.pairs(position)
+        return self.distances.pairs(position)
 
     def refine(self, pairs: Pairs, rows: Sequence[int]) -> None:
         """Measure some of the last pairs to the triangles."""
-        self._distance.refine(pairs, rows)
+        self.distances.refine(pairs, rows)
 
 
 class Watch:
@@ -185,16 +193,20 @@ class Watch:
         closing = float(gradient @ plant.velocity)
         velocity = np.array(obstacles[pairs.obstacle[row]].velocity or (0.0, 0.0, 0.0))
         comes = float(pairs.normal[row] @ velocity)
-        others = np.delete(gradients, own, axis=0)
         config = self._arm.config.file.motion.filter
-        gaps = np.delete(pairs.distance[near], own).clip(0.0)
-        box = box_of(state)
+        speeds = np.array([one.velocity or (0.0, 0.0, 0.0) for one in obstacles])
+        coming = np.einsum("ij,ij->i", pairs.normal[near], speeds[pairs.obstacle[near]]) > STANDING_M_S
+        threatened = coming & (pairs.distance[near] < THREATENED_M)
+        admitted = config.approach_gain * pairs.distance[near].clip(0.0)
+        # What else is about to be touched must not retreat more slowly for it.
+        admitted[threatened] = np.minimum(admitted, gradients @ plant.velocity)[threatened]
+        others, admitted = np.delete(gradients, own, axis=0), np.delete(admitted, own)
+        margin = self._arm.config.file.limits.position_margin_rad
+        room_below = plant.position > self._arm.position_lower + margin
+        room_above = plant.position < self._arm.position_upper - margin
         limit = state.speed_limit
-        bounds = [
-            (-v if low < 0.0 else 0.0, v if high > 0.0 else 0.0)
-            for v, low, high in zip(limit, *box, strict=True)
-        ]
-        best = linprog(gradient, A_ub=others, b_ub=config.approach_gain * gaps, bounds=bounds, method="highs")
+        bounds = np.column_stack([np.where(room_below, -limit, 0.0), np.where(room_above, limit, 0.0)])
+        best = linprog(gradient, A_ub=others, b_ub=admitted, bounds=bounds, method="highs")
         might = -float(best.fun) if best.success else 0.0
         where = (
             f"{pairs.links[pairs.link[row]]} and {pairs.obstacles[pairs.obstacle[row]]} at "
@@ -212,6 +224,11 @@ class Watch:
 @cache
 def _watch() -> Watch:
     return Watch(robot())
+
+
+@cache
+def _itself() -> SelfCollision:
+    return SelfCollision(robot(), REST)
 
 
 @cache
@@ -274,6 +291,7 @@ def simulate(
             goal=scene.goal,
             obstacles=seen,
             pairs=pairs,
+            distances=eyes.distances,
             ranges=ranges,
             previous=previous,
             speed_limit=watch.limit_at(float(pairs.distance.min(initial=math.inf))),
@@ -292,6 +310,8 @@ def simulate(
         if trace is not None:
             trace.append((state, command, method))
         watch.look(plant, truth, state, result)
+        if result.instants % ITSELF_TICKS == 0:
+            result.itself += _itself().touches(plant.position)
         before = plant.position
         plant.step(pending, PERIOD_S)  # what was decided a tick ago
         result.path += float(np.linalg.norm(plant.position - before))

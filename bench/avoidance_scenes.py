@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ssm_service.model import DistanceModel, Obstacle, Robot
 from ssm_service.motion import damped_pseudo_inverse
@@ -25,8 +26,12 @@ CLEAR_M = 0.08
 BASE_M = 0.22
 """Nothing that moves comes nearer than this to the axis of the base, whose links cannot move away."""
 
+WALLS = 0.5
+"""Share of the things in the way that are plates across it."""
+
 REST = np.array([0.0, -1.57, 0.0, -1.57, 0.0, 0.0])
 _SPREAD = np.array([math.pi, 1.3, 2.4, math.pi, math.pi, math.pi])
+_LOW, _HIGH = np.array([-0.7, -0.7, 0.0]), np.array([0.7, 0.7, 0.8])
 _STEP_S = 0.05
 _AWAY_M = 1.4
 _LEAVING_M_S = 0.4
@@ -163,6 +168,8 @@ def draw(seed: int, number: int) -> Scene:
     """Return a scene; its kind goes round with its number."""
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
+    # Drawn once: scenes with something in the way are refused more often.
+    blocker = rng.random() < (0.9 if kind == "static" else 0.4)
     while True:
         start, goal = _pose(rng), _pose(rng)
         way = straight_motion(start, end_effector(goal))
@@ -172,7 +179,6 @@ def draw(seed: int, number: int) -> Scene:
         movers = [] if kind == "static" else _movers(kind, rng, way, min(count, 2), start)
         if kind != "static" and not movers:
             continue
-        blocker = rng.random() < (0.9 if kind == "static" else 0.4)
         fixed = _fixed(rng, way, count - len(movers), blocker, start, goal)
         if len(fixed) + len(movers) == count:
             return Scene(
@@ -251,6 +257,24 @@ def _shape(rng: np.random.Generator, name: str, shapes: tuple[str, ...], positio
     )
 
 
+def _wall(rng: np.random.Generator, name: str, way: Array) -> Obstacle:
+    """Return a plate across the way of the hand: in front of it lies a local minimum of every field."""
+    index = int(rng.uniform(0.3, 0.7) * (len(way) - 1))
+    before, after = end_effector(way[index]), end_effector(way[index + 1])
+    across = after - before + rng.normal(0.0, 0.2, 3) * np.linalg.norm(after - before)
+    one, other = rng.normal(size=(2, 3))
+    frame, _ = np.linalg.qr(np.column_stack([across, one, other]))
+    frame[:, 2] *= np.linalg.det(frame)
+    size = (rng.uniform(0.02, 0.06), rng.uniform(0.2, 0.6), rng.uniform(0.2, 0.6))
+    return Obstacle(
+        id=name,
+        shape="box",
+        size=size,
+        position=tuple((before + rng.normal(0.0, 0.05, 3)).tolist()),
+        quaternion_xyzw=tuple(Rotation.from_matrix(frame).as_quat().tolist()),
+    )
+
+
 def _on_the_way(rng: np.random.Generator, way: Array) -> tuple[int, Array]:
     """Return a moment of the motion and a place at or near the moving half of the arm, (3,) [m]."""
     index = int(rng.uniform(0.3, 0.7) * (len(way) - 1))
@@ -270,11 +294,14 @@ def _fixed(
     for _ in range(_TRIES):
         if len(found) == count:
             break
-        blocking = blocker and not found
-        place = _on_the_way(rng, way)[1] if blocking else rng.uniform([-0.7, -0.7, 0.0], [0.7, 0.7, 0.8])
-        one = _shape(rng, f"fixed{len(found)}", ("sphere", "box", "capsule"), place)
+        blocking, name = blocker and not found, f"fixed{len(found)}"
+        if blocking and rng.random() < WALLS:
+            one = _wall(rng, name, way)
+        else:
+            place = _on_the_way(rng, way)[1] if blocking else rng.uniform(_LOW, _HIGH)
+            one = _shape(rng, name, ("sphere", "box", "capsule"), place)
         clear = min(_least([one], start), _least([one], goal)) >= CLEAR_M
-        if clear and (not blocking or _touched([one], way)):
+        if clear and (not blocking or _touched([one], way[::3])):
             found.append(one)
     return found
 

@@ -14,7 +14,8 @@ from bench import avoidance_methods as methods
 from bench import avoidance_scenes as scenes
 from bench.avoidance_run import ARRIVED_M, Outcome, Piece, run, simulate
 from bench.avoidance_scenes import CLEAR_M, KINDS, MOST, Mover, Scene, World, draw, end_effector
-from ssm_service.model import DistanceModel, Obstacle
+from ssm_service.model import DistanceModel, Obstacle, closing_gradients, moved_by
+from ssm_service.motion import linear_approach, linear_to_joints
 
 START = np.array([-0.8, -1.2, 1.2, -1.6, -1.57, 0.0])
 GOAL = end_effector(np.array([0.2, -1.2, 1.2, -1.6, -1.57, 0.0]))
@@ -116,8 +117,8 @@ class Straight:
 
     def velocity(self, state):
         config = state.robot.config.file.motion
-        linear = methods.linear_approach(state.end_effector, state.goal, config)
-        return methods.linear_to_joints(state.kinematics.jacobian, state.robot.free, linear, config, 6)
+        linear = linear_approach(state.end_effector, state.goal, config)
+        return linear_to_joints(state.kinematics.jacobian, state.robot.free, linear, config, 6)
 
 
 class Standing:
@@ -136,10 +137,10 @@ class Fleeing:
     def velocity(self, state):
         if self._signs is None:
             nearest = methods._nearest(state.pairs)
-            moved = methods.moved_by(state.robot, nearest.link)[np.newaxis]
+            moved = moved_by(state.robot, nearest.link)[np.newaxis]
             points, normals = nearest.point_on_link[np.newaxis], nearest.normal[np.newaxis]
             spatial = state.kinematics.spatial_jacobian
-            gradient = methods.closing_gradients(spatial, moved, points, normals)[0]
+            gradient = closing_gradients(spatial, moved, points, normals)[0]
             self._signs = np.where(np.abs(gradient) > 1e-3, -np.sign(gradient), 0.0)
         return self._signs * state.speed_limit
 
