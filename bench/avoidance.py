@@ -144,7 +144,8 @@ def notes(rows: Sequence[dict[str, Any]], results: Sequence[Outcome]) -> Iterato
     )
     yield (
         "solve time: the method alone, with distances given by the service's own; pink measures distances "
-        "itself, within its time"
+        "itself, within its time. A greater gain of its barrier than our filter's does not help it: tried by "
+        "hand in seven scenes with 10, 20 and 50 1/s, it touched the same six obstacles that came"
     )
     for one in rows:
         if one["kind"] == "all" and one["method"] in OURS:

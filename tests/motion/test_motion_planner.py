@@ -171,6 +171,15 @@ def test_edge_through_an_obstacle_is_not_free(robot: Robot, wall: tuple[Obstacle
     assert not space.free(beyond)
 
 
+def test_arm_that_touches_itself_is_not_free(robot: Robot) -> None:
+    space = FreeSpace(robot, START, (), CLEARANCE_M)
+    folded = np.array([0.0, -1.57, 2.9, 0.0, -1.57, 0.0])
+    assert SelfCollision(robot, START).touches(folded)
+    assert space.free(END)
+    assert not space.free(folded)
+    assert not space.edge_free(START, folded)
+
+
 def test_shortening_keeps_the_ends_and_never_lengthens() -> None:
     rng = np.random.default_rng(3)
     points = np.cumsum(rng.normal(size=(12, 4)), axis=0)
@@ -233,6 +242,18 @@ def test_guide_never_skips_a_loop() -> None:
         seen = max(seen, float(position.sum()))
     assert seen > 1.8
     np.testing.assert_allclose(position, [0.0, 0.0], atol=1e-3)
+
+
+def test_arm_that_is_pushed_back_goes_on_from_where_it_came() -> None:
+    guide = PathGuide(zigzag())
+    for along in np.linspace(0.0, 0.9, 20):
+        guide.wanted(np.array([along, 0.0]), 0.5)
+    assert guide.arc == pytest.approx(0.9)
+    velocity = guide.wanted(np.array([0.7, 0.0]), 0.5)
+    assert guide.arc == pytest.approx(0.9)
+    # towards the place ahead of 0.9, round the corner, and not along the edge
+    ahead = guide.path.at(0.9 + LOOKAHEAD_RAD) - [0.7, 0.0]
+    np.testing.assert_allclose(velocity, 0.5 * ahead / np.linalg.norm(ahead))
 
 
 def test_guide_gives_up_a_path_that_the_arm_has_left_for_good() -> None:
