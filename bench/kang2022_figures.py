@@ -43,7 +43,8 @@ def _joints(path: Path, found: Runs) -> None:
     for i, key in enumerate(keys):
         for j, plant in enumerate(PLANTS):
             _joints_of(every[i, j], found[(*key, plant)])
-    every[0, 0].legend(loc="upper right", fontsize=7, ncols=2)
+    for axes in every[:2, 0]:
+        axes.legend(loc="lower right", fontsize=7, ncols=2)
     shown.suptitle("Joint angles (solid) and speeds (dashed); zones by the ring's readings", fontsize=10)
     shown.savefig(path, dpi=130)
 
@@ -72,7 +73,7 @@ def _shade(axes: Any, time: Array, zones: Array) -> None:
 
 def _paths(path: Path, found: Runs) -> None:
     """Paths of the end effector in space, from above and from the side (Fig. 9 d, 10 d, 13)."""
-    shown = _figure(12.0, 7.5)
+    shown = _figure(14.0, 8.0)
     lines = [
         ([(FREE, True)], "no obstacle"),
         ([PROPOSED, CONVENTIONAL], "with the ball"),
@@ -88,9 +89,11 @@ def _paths(path: Path, found: Runs) -> None:
         space.set_title(title, fontsize=9)
         space.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", xlim=(0.0, 0.45), zlim=(0.2, 0.65))
         for axes, name in zip(views, ("x", "z"), strict=True):
+            middle = {"x": 0.2, "z": 0.45}[name]
             axes.set(xlabel="y [m]", ylabel=f"{name} [m]", aspect="equal")
+            axes.set(xlim=(-0.34, 0.34), ylim=(middle - 0.2, middle + 0.2))
             axes.grid(alpha=0.3)
-        views[0].legend(fontsize=7)
+        views[0].legend(fontsize=7, loc="lower center")
     shown.savefig(path, dpi=130)
 
 
@@ -178,5 +181,5 @@ def _speeds(path: Path, found: Runs) -> None:
     axes.plot([], [], "s", color="tab:red", label="3-D, SSM")
     axes.plot([], [], "kv", label="greatest")
     axes.plot([], [], "k--", label="the zone's limit")
-    axes.legend(fontsize=7)
+    shown.legend(fontsize=8, loc="outside lower center", ncols=4)
     shown.savefig(path, dpi=130)

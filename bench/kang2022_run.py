@@ -131,11 +131,11 @@ def _monitor(plant: str, profile: str) -> Monitor:
     return Monitor(robot(plant), profile=profile, period_s=scene().tick_s)
 
 
-def _monitor_of(case: Case) -> Monitor:
-    """Return a monitor as if it were new: nothing was known for longer than a zone lasts."""
+def _monitor_of(case: Case, sim: _Sim) -> Monitor:
+    """Return a monitor that has watched the arm stand at the start for longer than a zone lasts."""
     monitor = _monitor(case.plant, "kang2022" if case.limited else "unlimited")
     for _ in range(monitor.profile.config.recovery_ticks + 1):
-        monitor.step(Inputs())
+        monitor.step(Inputs(joints=sim.joints, ranges=sim.ranges))
     return monitor
 
 
@@ -190,7 +190,9 @@ class _Sim:
 
 def run(case: Case) -> Run:
     """Run one case until the goal is reached, nothing moves on any more, or the time is over."""
-    told, sim, monitor = scene(), _Sim(case), _monitor_of(case)
+    told, sim = scene(), _Sim(case)
+    sim.sense()
+    monitor = _monitor_of(case, sim)
     record, every = Record(), round(told.tick_s / STEP_S)
     arrived, contacts, touching = None, 0, False
     for step in range(round(told.horizon_s / STEP_S)):
