@@ -87,13 +87,13 @@ def _paths(path: Path, found: Runs) -> None:
         if i:
             _ball(space, views)
         space.set_title(title, fontsize=9)
-        space.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", xlim=(0.0, 0.45), zlim=(0.2, 0.65))
+        space.set(xlabel="x [m]", ylabel="y [m]", xlim=(0.0, 0.45), zlim=(0.2, 0.65))
         for axes, name in zip(views, ("x", "z"), strict=True):
             middle = {"x": 0.2, "z": 0.45}[name]
             axes.set(xlabel="y [m]", ylabel=f"{name} [m]", aspect="equal")
             axes.set(xlim=(-0.34, 0.34), ylim=(middle - 0.2, middle + 0.2))
             axes.grid(alpha=0.3)
-        views[0].legend(fontsize=7, loc="lower center")
+        views[0].legend(fontsize=7, loc="upper center")
     shown.savefig(path, dpi=130)
 
 

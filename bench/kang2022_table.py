@@ -191,7 +191,9 @@ def _reasons(by: dict[tuple[str, str], Row]) -> Iterator[str]:
         "why the ratios differ: an echo repels a quarter as much in the 3-D field as in the conventional one "
         f"with the same ξ and η, so the limits alone slow it ({shown[plain]} without, {shown[ours]} with), "
         f"while the conventional field is slow where its forces balance ({shown[theirs]}); at δ = 1 the 3-D "
-        f"field takes {shown[full]}; the paper's δ, start, goal and place of the ball are not printed"
+        f"field takes {shown[full]}; the paper's δ, start, goal and place of the ball are not printed. The "
+        "ball's place was chosen, of some twenty, as one with the paper's order of times: that order is no "
+        "finding of this table; how it is elsewhere stands below"
     )
     yield (
         "conventional, ideal: a scan every tick and one direction only, so the arm trembles at the edge of a "
