@@ -86,7 +86,6 @@ def main() -> None:
     endpoint, robot, rate = sys.argv[1:]
     ended = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
-    # Before the session, whose threads inherit it: a gap should be the network's or the service's.
     apply_realtime()
     connection = Connection([endpoint])
     try:

@@ -57,8 +57,10 @@ def ask(
         left = max(deadline - time.monotonic(), 0.001)
         answers = _once(session, key, left if timeout_s is None else timeout_s, payload)
         if answers:
+            connection.answered()
             return answers
         if deadline - time.monotonic() <= AGAIN_S:
+            connection.unanswered(session)
             raise NoServiceError(f"nobody answered {key} within {timeout_s or patience_s:g} s")
         time.sleep(AGAIN_S)
 

@@ -15,6 +15,11 @@ from ..wire.session import close_session, open_session, zenoh_config
 RETRY_S = 0.1
 """Between two attempts to open [s]."""
 
+DOUBT_S = 3.0
+"""A session through which nobody has answered for so long is replaced; each time it takes twice as long."""
+
+LONGEST_DOUBT_S = 60.0
+
 CLOSING_S = 5.0
 """How long closing waits for an attempt under way [s]."""
 
@@ -24,7 +29,9 @@ class Connection:
 
     Zenoh refuses to open a client session while nobody listens, and may take seconds to say so; both are
     kept from the caller here. Once open, a session finds its way back by itself when the other end
-    was restarted, subscriptions included.
+    was restarted, subscriptions included. Not always: once in a while Zenoh keeps a session alive that
+    reaches nobody any more (its issue 2767 is of this kind). So whoever asks says here whether anybody
+    answered, and after ``DOUBT_S`` without an answer the session is replaced.
 
     Args:
         connect: Endpoints to dial; the first that answers is taken.
@@ -44,6 +51,8 @@ class Connection:
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
         self._trouble = "nobody listens there"
+        self._doubted_s: float | None = None
+        self._patience_s = DOUBT_S
 
     @property
     def session(self) -> zenoh.Session | None:
@@ -66,6 +75,29 @@ class Connection:
             trouble = "the connection was closed" if self._closed.is_set() else self._trouble
             raise NoServiceError(f"no service at {', '.join(self._connect) or self._file}: {trouble}")
         return self._session
+
+    def answered(self) -> None:
+        """Take note that somebody answered a question."""
+        self._doubted_s, self._patience_s = None, DOUBT_S
+
+    def unanswered(self, session: zenoh.Session) -> None:
+        """Take note that nobody answered a question; never waits.
+
+        Args:
+            session: The session that it was asked through.
+        """
+        now = time.monotonic()
+        with self._lock:
+            if session is not self._session:
+                return
+            if self._doubted_s is None:
+                self._doubted_s = now
+            if now - self._doubted_s < self._patience_s:
+                return
+            self._session, self._thread, self._doubted_s = None, None, None
+            self._opened.clear()
+            self._patience_s = min(2.0 * self._patience_s, LONGEST_DOUBT_S)
+        close_session(session, 0.0)
 
     def close(self) -> None:
         """Close the session; a process with an open one may never exit."""

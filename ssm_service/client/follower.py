@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 
 import zenoh
 
@@ -55,6 +56,7 @@ class Follower:
         self._echo = echo
         self._echoing: Echoing | None = None
         self._link = link
+        self._session: zenoh.Session | None = None
         self._keys = keys
         self._channels: tuple[Channel[m.Zone], Channel[m.VelocityCommand]] | None = None
         self._trip: RoundTrip | None = None
@@ -69,8 +71,11 @@ class Follower:
         now = time.monotonic_ns() if now_ns is None else now_ns
         before, self._polled_ns = self._polled_ns, now
         gap = now - before
+        session = self._link.session if isinstance(self._link, Connection) else self._link
+        if session is not self._session and self._session is not None:
+            self._detach()
         if self._trip is None or self._channels is None:
-            self._attach()
+            self._attach(session)
             return self.watchdog.state(now)
         if not 0 <= gap <= self.watchdog.valid_for_ns:
             # What was held has expired as well, as it can only be older than the pause.
@@ -90,15 +95,22 @@ class Follower:
 
     def close(self) -> None:
         """End the subscriptions; the session stays its owner's."""
+        self._session = None
         channels, self._channels, self._trip = self._channels, None, None
         echoing, self._echoing = self._echoing, None
         for part in (*(channels or ()), *((echoing,) if echoing else ())):
             part.close()
 
-    def _attach(self) -> None:
-        session = self._link.session if isinstance(self._link, Connection) else self._link
+    def _detach(self) -> None:
+        """Give up a session that was replaced, with all that was heard through it."""
+        with suppress(zenoh.ZError):
+            self.close()
+        self.watchdog.forget()
+
+    def _attach(self, session: zenoh.Session | None) -> None:
         if session is None or session.is_closed():
             return
+        self._session = session
         self._channels = (
             Channel(session, self._keys.output("zone"), m.Zone),
             Channel(session, self._keys.output("command"), m.VelocityCommand),
@@ -120,7 +132,11 @@ class Follower:
         try:
             answers = trip.step(now, self.heard)
             if answers is None:
+                if trip.unanswered and isinstance(self._link, Connection) and self._session is not None:
+                    self._link.unanswered(self._session)
                 return
+            if isinstance(self._link, Connection):
+                self._link.answered()
             answers.check()
             if len({zone.producer for zone in answers.zones}) > 1:
                 self.watchdog.duplicate(now)

@@ -51,12 +51,16 @@ class Answers:
 class RoundTrip:
     """Asks ``zone`` again and again until somebody answers.
 
+    Attributes:
+        unanswered: Whether the last query that has ended was not answered.
+
     Args:
         session: An open session.
         key: Key of the zone.
     """
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
+        self.unanswered = False
         self._session = session
         self._key = key
         self._decoder = OutputDecoder(m.Zone, key)
@@ -87,11 +91,12 @@ class RoundTrip:
             return None
         zones = self._read(self._replies)
         if zones:
-            self._replies = None
+            self._replies, self.unanswered = None, False
             self._next_ns = now_ns + PAUSE_NS
             return Answers(zones=zones, asked_ns=self._asked_ns, heard=self._heard)
         if now_ns - self._asked_ns > TIMEOUT_NS:
             self._replies = None
+        self.unanswered = self.unanswered or self._replies is None
         return None
 
     def _ask(self, now_ns: int) -> None:

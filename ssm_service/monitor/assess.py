@@ -141,7 +141,8 @@ def compare(
     """
     nearest = reading.nearest
     estimate = nearest.distance if nearest is not None and nearest.link == link else None
-    tracked = math.inf if exact is None else exact
+    # How deep a contact is, is not well defined: hulls and meshes tell it differently.
+    tracked = math.inf if exact is None else max(exact, 0.0)
     disagrees = margin is not None and (
         tracked - reading.least.get(link, math.inf) > margin
         or (estimate is not None and estimate - tracked > margin)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +19,7 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a service listens, and its consumers dial, when nothing else is said."""
 
 CLOSE_TIMEOUT_S = 0.3
+NETWORK_NICE = -15
 _closing: list[threading.Thread] = []
 
 Mode = Literal["router", "client", "peer"]
@@ -131,9 +134,31 @@ def open_session(config: zenoh.Config) -> zenoh.Session:
         ServiceError: An endpoint cannot be listened on or dialled.
     """
     try:
-        return zenoh.open(config)
+        with _favoured():
+            return zenoh.open(config)
     except zenoh.ZError as error:
         raise ServiceError(f"Zenoh session could not be opened: {_said(error)}") from error
+
+
+@contextmanager
+def _favoured() -> Iterator[None]:
+    """Have the threads that are made meanwhile favoured by the scheduler, where that is permitted.
+
+    Every decision and every input goes through Zenoh's own threads; an ordinary process must not keep them
+    waiting for longer than a decision is valid. They do not become real-time threads: under a flood of
+    messages these would take the time that the loop needs.
+    """
+    thread = threading.get_native_id()
+    before = None
+    with suppress(OSError):
+        before = os.getpriority(os.PRIO_PROCESS, thread)
+        os.setpriority(os.PRIO_PROCESS, thread, min(before, NETWORK_NICE))
+    try:
+        yield
+    finally:
+        if before is not None:
+            with suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, thread, before)
 
 
 def close_session(session: zenoh.Session, timeout_s: float = CLOSE_TIMEOUT_S) -> None:

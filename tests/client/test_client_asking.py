@@ -47,6 +47,13 @@ class Session:
         self.answers = list(answers)
         self.asked = []
 
+    def answered(self):
+        self.doubted = False
+
+    def unanswered(self, session):
+        assert session is self
+        self.doubted = True
+
     def wait(self, _timeout_s):
         return self
 
@@ -217,6 +224,9 @@ class Present:
 
     def liveliness(self):
         return self
+
+    def unanswered(self, session):
+        assert session is self
 
 
 @pytest.mark.parametrize(

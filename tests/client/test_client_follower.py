@@ -62,6 +62,7 @@ class Channel:
 class Trip:
     def __init__(self):
         self.answers = None
+        self.unanswered = False
         self.heard = None
         self.asked = 0
         self.restarts = 0

@@ -225,6 +225,7 @@ class SlowMonitor:
             echo = min(seen["echoes"], key=lambda one: one["distance"], default=None)
             link = seen["silent"][0]["link"] if echo is None else echo["link"]
             exact = min([p["distance"] for p in seen["tracked"] if p["link"] == link], default=math.inf)
+            exact = max(exact, 0.0)  # a contact has no well-defined depth
             least = math.inf if echo is None else echo["distance"]
             if margin is not None:
                 apart = exact - least if exact != least else 0.0  # two infinities agree

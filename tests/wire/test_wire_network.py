@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import resource
+from pathlib import Path
 
 import pytest
 
 from ssm_service.errors import ConfigError, ServiceError
 from ssm_service.wire import Keys, robot_of
-from ssm_service.wire.session import open_session, zenoh_config
+from ssm_service.wire.session import NETWORK_NICE, open_session, zenoh_config
+
+CAP_SYS_NICE = 23
 
 
 def test_keys_are_those_of_the_contract():
@@ -74,3 +80,19 @@ def test_a_wrong_endpoint_is_an_error_of_ours(endpoint):
 def test_a_client_says_at_once_that_nobody_listens():
     with pytest.raises(ServiceError):
         open_session(zenoh_config("client", connect=["tcp/127.0.0.1:1"]))
+
+
+def test_zenohs_threads_are_favoured_where_that_is_permitted_and_nobody_else():
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    others = {int(name) for name in os.listdir("/proc/self/task")}
+    with open_session(zenoh_config("router", listen=["tcp/127.0.0.1:0"])):
+        made = {int(name) for name in os.listdir("/proc/self/task")} - others
+        found = {os.getpriority(os.PRIO_PROCESS, thread) for thread in made}
+        status = Path("/proc/self/status").read_text()
+    effective = int(re.search(r"CapEff:\s*(\w+)", status)[1], 16)
+    allowed = (
+        effective >> CAP_SYS_NICE & 1 or 20 - resource.getrlimit(resource.RLIMIT_NICE)[0] <= NETWORK_NICE
+    )
+    assert made
+    assert found == {NETWORK_NICE if allowed else before}
+    assert os.getpriority(os.PRIO_PROCESS, 0) == before
