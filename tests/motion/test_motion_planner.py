@@ -161,6 +161,38 @@ def test_folded_arm_touches_itself_and_the_start_is_believed(robot: Robot) -> No
     assert not SelfCollision(robot, folded).touches(folded)
 
 
+def test_gradients_between_own_links_are_those_of_their_distances(robot: Robot) -> None:
+    rng, step, seen = np.random.default_rng(4), 1e-3, 0
+    itself = SelfCollision(robot, START)
+    for _ in range(12):
+        position = rng.uniform(-2.5, 2.5, 6)
+        distance, gradients = itself.near(position, robot.kinematics(position).spatial_jacobian, 9.0)
+        velocity = rng.normal(size=6)
+        ahead, behind = (
+            itself.near(one, robot.kinematics(one).spatial_jacobian, 9.0)[0]
+            for one in (position + step * velocity, position - step * velocity)
+        )
+        clear = distance > 0.01
+        seen += int(clear.sum())
+        slope = (ahead - behind) / (2.0 * step)
+        np.testing.assert_allclose(slope[clear], -(gradients @ velocity)[clear], atol=2e-3)
+        touching = itself.touches(position)
+        assert touching == bool((distance <= 0.0).any())
+    assert seen > 200
+
+
+def test_only_near_links_are_returned(robot: Robot) -> None:
+    spatial = robot.kinematics(START).spatial_jacobian
+    itself = SelfCollision(robot, START)
+    every, _ = itself.near(START, spatial, 9.0)
+    some, gradients = itself.near(START, spatial, float(np.median(every)))
+    assert 0 < len(some) < len(every)
+    assert gradients.shape == (len(some), 6)
+    none, gradients = itself.near(START, spatial, 0.0)
+    assert none.shape == (0,)
+    assert gradients.shape == (0, 6)
+
+
 def test_edge_through_an_obstacle_is_not_free(robot: Robot, wall: tuple[Obstacle, ...]) -> None:
     space = FreeSpace(robot, START, wall, CLEARANCE_M)
     assert space.free(START)
