@@ -19,7 +19,7 @@ from ssm_service.motion import linear_approach, linear_to_joints
 
 START = np.array([-0.8, -1.2, 1.2, -1.6, -1.57, 0.0])
 GOAL = end_effector(np.array([0.2, -1.2, 1.2, -1.6, -1.57, 0.0]))
-NUMBERS = range(6)
+NUMBERS = range(3)
 
 
 def scene(
