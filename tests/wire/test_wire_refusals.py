@@ -230,6 +230,14 @@ def test_targets(refused, kind, value, cause):
 
 
 @pytest.mark.parametrize(
+    ("controller", "cause"),
+    [("bug2", "unknown_word"), (2, "wrong_type"), ("clik-3", "unsupported_controller")],
+)
+def test_a_target_names_a_method_that_there_is_for_this_robot(refused, controller, cause):
+    assert refused("target", changed("target", controller=controller)).cause == cause
+
+
+@pytest.mark.parametrize(
     ("source", "fields"),
     [
         ("joints", {"name": [f"{index:x}" for index in range(7_500)] + ["1"]}),
