@@ -11,6 +11,7 @@ from ssm_service.monitor import Inputs, JointSample, Monitor, Received, checked_
 DT = 0.02
 MARGIN = 0.03
 START = np.array([0.0, -1.0, 1.5, 0.0, 0.0, 0.0])
+TURNED = np.array([1.2, -1.0, 1.5, 0.0, 0.0, 0.0])
 
 
 def go(robot: Robot, method: str, seconds: float, height: float):
@@ -19,7 +20,7 @@ def go(robot: Robot, method: str, seconds: float, height: float):
     The ball is in the middle of the way.
     """
     start = robot.kinematics(START).transform_end_effector_to_base[:3, 3]
-    goal = robot.kinematics(START + [1.2, 0, 0, 0, 0, 0]).transform_end_effector_to_base[:3, 3]
+    goal = robot.kinematics(TURNED).transform_end_effector_to_base[:3, 3]
     centre = 0.5 * (start + goal) + [0.0, 0.0, height]
     ball = Obstacle(id="ball", shape="sphere", size=(0.05,), position=tuple(centre), velocity=(0.0, 0.0, 0.0))
     monitor, position = Monitor(robot, period_s=DT), START.copy()
