@@ -148,17 +148,13 @@ def _favoured() -> Iterator[None]:
     waiting for longer than a decision is valid. They do not become real-time threads: under a flood of
     messages these would take the time that the loop needs.
     """
-    thread = threading.get_native_id()
-    before = None
+    before = os.getpriority(os.PRIO_PROCESS, 0)  # of the calling thread, on Linux
     with suppress(OSError):
-        before = os.getpriority(os.PRIO_PROCESS, thread)
-        os.setpriority(os.PRIO_PROCESS, thread, min(before, NETWORK_NICE))
+        os.setpriority(os.PRIO_PROCESS, 0, min(before, NETWORK_NICE))
     try:
         yield
     finally:
-        if before is not None:
-            with suppress(OSError):
-                os.setpriority(os.PRIO_PROCESS, thread, before)
+        os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
 def close_session(session: zenoh.Session, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
