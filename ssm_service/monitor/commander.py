@@ -61,7 +61,8 @@ class Commander:
             self.previous = wanted
         wanted = self._changeover.step((controller, target.kind), wanted, self.previous)
         if controller == "filter":
-            wanted = self._filtering.step(snapshot, wanted, self.previous, keeping.speed_limit, distances)
+            previous = None if settled else self.previous
+            wanted = self._filtering.step(snapshot, wanted, previous, keeping.speed_limit, distances)
         self.previous = limited_velocity(
             self._robot,
             separated_velocity(keeping.separation, keeping.limits, wanted),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..model import DistanceModel, Pairs, Robot, closing_gradients, moved_by
 from ..motion import (
+    Box,
     Circulation,
     Filtered,
     VelocityFilter,
@@ -105,7 +106,7 @@ class Filtering:
         self,
         snapshot: Snapshot,
         wanted: Array,
-        previous: Array,
+        previous: Array | None,
         speed_limit: Array,
         distances: DistanceModel,
     ) -> Array:
@@ -114,22 +115,11 @@ class Filtering:
         Args:
             snapshot: Robot and surroundings.
             wanted: (n,) [rad/s].
-            previous: (n,) the last command [rad/s].
+            previous: (n,) the last command [rad/s]; ``None`` where no acceleration limit binds.
             speed_limit: (n,) of the zone [rad/s].
             distances: Measures the pairs exactly that hold the motion back.
         """
-        robot, free = self._robot, self._robot.free
-        limits = robot.config.file.limits
-        box = velocity_box(
-            snapshot.joints.position[free],
-            previous[free],
-            robot.position_lower[free],
-            robot.position_upper[free],
-            speed_limit[free],
-            limits.position_margin_rad,
-            limits.acceleration_rad_s2,
-            self._period_s,
-        )
+        free, box = self._robot.free, self._box(snapshot, previous, speed_limit)
         metric = None
         if snapshot.target.kind != "joint_velocity":
             metric = task_metric(snapshot.kinematics.jacobian)
@@ -143,6 +133,24 @@ class Filtering:
         velocity[free] = found.velocity
         self._look(snapshot.kinematics.jacobian, wanted[free], found, rows.normals)
         return velocity
+
+    def _box(self, snapshot: Snapshot, previous: Array | None, speed_limit: Array) -> Box:
+        """Return what the joints' limits admit; without a command before, as after full speed either way."""
+        if previous is None:
+            backward = self._box(snapshot, -speed_limit, speed_limit)
+            return Box(backward.lower, self._box(snapshot, speed_limit, speed_limit).upper)
+        robot, free = self._robot, self._robot.free
+        limits = robot.config.file.limits
+        return velocity_box(
+            snapshot.joints.position[free],
+            previous[free],
+            robot.position_lower[free],
+            robot.position_upper[free],
+            speed_limit[free],
+            limits.position_margin_rad,
+            limits.acceleration_rad_s2,
+            self._period_s,
+        )
 
     @staticmethod
     def _refine(pairs: Pairs | None, active: NDArray[np.intp], distances: DistanceModel) -> bool:

@@ -51,7 +51,8 @@ class Methods:
         self._config = robot.config.file.motion
         self._count = len(robot.joint_names)
         self._steps = sensor_steps([ring.count for ring in robot.rings])
-        self._moved = {link: moved_by(robot, link) for link in robot.monitored_links}
+        links = {*robot.monitored_links, *(array.link for array in robot.sensor_arrays)}
+        self._moved = {link: moved_by(robot, link) for link in links}
         self._held: tuple[Target, Array] | None = None
 
     def controller(self, target: Target) -> ControllerName:
@@ -143,8 +144,6 @@ class Methods:
         return np.clip(wanted, -greatest, greatest)
 
     def _critical(self, snapshot: Snapshot, nearest: Nearest) -> Critical:
-        if nearest.link not in self._moved:
-            self._moved[nearest.link] = moved_by(self._robot, nearest.link)
         jacobian = point_jacobians(
             snapshot.kinematics.spatial_jacobian,
             self._moved[nearest.link],
@@ -157,7 +156,6 @@ class Methods:
     @staticmethod
     def _speed_of(snapshot: Snapshot, nearest: Nearest) -> float:
         """Return the speed of what is nearest [m/s]; infinite where nobody knows it."""
-        for obstacle in snapshot.obstacles:
-            if obstacle.id == nearest.obstacle:
-                return math.inf if obstacle.velocity is None else math.hypot(*obstacle.velocity)
-        return math.inf
+        velocities = {obstacle.id: obstacle.velocity for obstacle in snapshot.obstacles}
+        velocity = None if nearest.obstacle is None else velocities.get(nearest.obstacle)
+        return math.inf if velocity is None else math.hypot(*velocity)

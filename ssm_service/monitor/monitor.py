@@ -136,9 +136,7 @@ class Monitor:
         keeping = Keeping(speed_limit=limit, limits=limits, separation=self._separation)
         if statuses["target"].reason is not None:
             now.reasons.append(statuses["target"].reason)
-        snapshot = None
-        if zone is not Zone.STOP and "target" in fresh:
-            snapshot = self._snapshot(inputs, kinematics, seen, now)
+        snapshot = self._snapshot(inputs, kinematics, seen, now) if "target" in fresh else None
         return Decision(
             tick=self._tick,
             zone=zone,
@@ -150,7 +148,7 @@ class Monitor:
             speed_limit=np.minimum(limit, share * self.robot.velocity_limit),
             speed_scaling=min(self.profile.speed_scaling(beside), share),
             velocity=self._commander.stand()
-            if snapshot is None
+            if snapshot is None or zone is Zone.STOP
             else self._commander.step(snapshot, keeping, self._distance),
             reasons=tuple(now.reasons),
             position=None

@@ -11,7 +11,15 @@ import pytest
 
 from ssm_service.errors import InputError
 from ssm_service.model import DistanceModel, Obstacle, Robot
-from ssm_service.monitor import Inputs, JointSample, Monitor, Received, Target, checked_target
+from ssm_service.monitor import (
+    EvaluationInput,
+    Inputs,
+    JointSample,
+    Monitor,
+    Received,
+    Target,
+    checked_target,
+)
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 DT = 0.004
@@ -225,3 +233,80 @@ def test_without_rings_there_is_no_field3d(arm):
 def test_a_quaternion_must_have_unit_length(arm, quaternion):
     with pytest.raises(InputError, match="unit quaternion"):
         checked_target(arm, "pose", [0.2, 0.1, 0.3, *quaternion])
+
+
+def test_a_kind_that_nobody_knows_is_refused(arm):
+    with pytest.raises(InputError, match="joint_velocity"):
+        checked_target(arm, "speed", [0.0] * 6)
+
+
+@pytest.mark.parametrize("tracked", [False, True])
+def test_the_filter_keeps_clear_of_what_the_ring_sees(robot, scene, sphere, tracked):
+    """A joint velocity that closes in on an echo at the margin is taken away; the opposite one stays."""
+    monitor = Monitor(robot, period_s=DT)
+    scene.ranges = np.array([0.026, *[np.inf] * 7])
+    scene.obstacles = (sphere(1.5),) if tracked else None
+    found = {}
+    for sign in (-1.0, 1.0):
+        scene.target = checked_target(
+            robot, "joint_velocity", [0.0, sign * 0.1, 0.0, 0.0, 0.0, 0.0], "filter"
+        )
+        for _ in range(120):
+            decision = monitor.step(scene.inputs())
+        found[sign] = decision.velocity
+        nearest = decision.nearest
+        assert nearest.source == "ranges"
+        velocity = robot.point_velocity(
+            scene.position, decision.velocity, nearest.link, nearest.point_on_link
+        )
+        bound = max(robot.config.file.motion.filter.approach_gain * (nearest.distance - 0.03), 0.0)
+        assert -float(nearest.normal @ velocity) <= bound + 2e-6
+    assert np.abs(found[1.0] + found[-1.0]).max() > 0.01
+
+
+@pytest.mark.parametrize("method", ["clik-1", "filter"])
+def test_evaluate_says_what_the_monitor_comes_to(arm, method):
+    hand = end(arm, START)[:3, 3]
+    ball = Obstacle(
+        id="ball", shape="sphere", size=(0.05,), position=tuple(hand + np.array([0.05, 0.1, 0.05]))
+    )
+    target = checked_target(arm, "joint_velocity", [0.8, 0.3, -0.2, 0.1, 0.5, 0.2], method)
+    run = Run(arm, obstacles=(ball,))
+    run.settle()
+    for _ in range(300):
+        run.position = START.copy()
+        run.tick(target)
+    said = run.monitor.evaluate(
+        EvaluationInput(
+            joints=JointSample(position=START, velocity=np.zeros(6)), obstacles=(ball,), target=target
+        )
+    )
+    assert np.abs(said.velocity).max() > 0.01
+    np.testing.assert_allclose(said.velocity, run.velocity, atol=1e-6)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_the_radius_of_a_slow_obstacle_is_the_lesser_one(arm, known):
+    """At 0.17 m only an obstacle whose speed is not known, or high, repels."""
+    rest = np.array(START)
+    distances = DistanceModel(arm)
+    centre = end(arm, rest)[:3, 3] + np.array([0.0, 0.0, 0.5])
+    for _ in range(60):
+        far = Obstacle(id="far", shape="sphere", size=(0.05,), position=(2.0, 2.0, 2.0))
+        ball = Obstacle(
+            id="ball",
+            shape="sphere",
+            size=(0.05,),
+            position=tuple(centre),
+            velocity=(0.0, 0.0, 0.0) if known else None,
+        )
+        distances.set_obstacles((ball,))
+        pair = distances.nearest(rest)
+        centre = centre + pair.normal * (pair.distance - 0.17)
+    run = Run(arm, rest, obstacles=(far, ball))
+    run.settle()
+    for _ in range(60):
+        run.position = rest.copy()
+        run.tick(checked_target(arm, "joint_velocity", [0.0] * 6, "clik-1"))
+    assert run.decision.distance == pytest.approx(0.17, abs=1e-3)
+    assert (np.abs(run.velocity).max() > 1e-3) == (not known)
