@@ -18,7 +18,7 @@ from .segments import (
     link_segments,
     most_critical,
 )
-from .targets import field_velocity, linear_to_joints, position_to_joints, twist_to_joints
+from .targets import field_velocity, linear_to_joints, twist_to_joints
 from .tracking import angular_approach, linear_approach, rotation_of
 
 __all__ = [
@@ -54,7 +54,6 @@ __all__ = [
     "lspb_speed",
     "most_critical",
     "pose_error",
-    "position_to_joints",
     "repulsive_force",
     "rotation_of",
     "sensor_steps",

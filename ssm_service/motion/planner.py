@@ -85,6 +85,7 @@ def plan(
     space = FreeSpace(robot, begin, obstacles, clearance_m)
 
     def over() -> bool:
+        """Tell whether states or time are used up."""
         return space.checked >= states or time.monotonic() >= deadline
 
     goals = [end] if joints else goal_positions(robot, begin, end, space, rng, over)
@@ -167,6 +168,7 @@ def _search(
     information.setup()
 
     def state_of(position: NDArray[np.float64]) -> Any:
+        """Return the library's state of the free joints of a position (n,)."""
         state = states.allocState()
         state[0 : len(free)] = position[free].tolist()
         return state

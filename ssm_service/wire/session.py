@@ -36,6 +36,10 @@ COMMON: dict[str, Any] = {
     # Small buffers keep what a frozen consumer finds on waking short.
     "transport/link/tcp/so_sndbuf": 8192,
     "transport/link/tcp/so_rcvbuf": 8192,
+    # What waits to be read holds on to whole batches: a quarter of the default size, and more of them for
+    # what is longer than one.
+    "transport/link/tx/batch_size": 16_384,
+    "transport/link/tx/queue/size/data": 16,
     "transport/link/rx/max_message_size": 4 * 1024 * 1024,
     "transport/shared_memory/enabled": False,
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},

@@ -10,7 +10,8 @@ from ssm_service.motion import (
     conventional_field,
     damped_pseudo_inverse,
     field3d,
-    position_to_joints,
+    field_velocity,
+    linear_to_joints,
     sensor_steps,
     twist_to_joints,
 )
@@ -18,6 +19,12 @@ from ssm_service.motion import (
 CONFIG = MotionConfig()
 FIELD3D = MotionConfig(controller="field3d")
 THREE, SIX = np.array([0, 2, 3]), np.array([0, 1, 2, 4, 5, 6])
+
+
+def position_to_joints(position, goal, jacobian, free, config, n, **seen):
+    """The joint velocities of the configured field, as the service puts its two steps together."""
+    velocity = field_velocity(position, goal, config, controller=config.controller, **seen)
+    return linear_to_joints(jacobian, free, velocity, config, n)
 
 
 def jacobian(n, seed=0):

@@ -101,7 +101,7 @@ def test_ten_thousand_hostile_messages_on_every_key_at_full_speed(service, watch
         f"skipped; memory {(service.memory() - memory) / 1e6:+.1f} MB"
     )
     assert ticks > 0.5 * 500 * sent
-    assert service.memory() - memory < 400e6  # all may wait at once, where Zenoh's threads go first
+    assert service.memory() - memory < 150e6
     assert service.files() <= files + 4
 
 
