@@ -99,6 +99,7 @@ class Lane:
         name: E.g. ``joints`` or ``zone``.
         key: Its key.
         put: Sends a message on.
+        spoil: Sends a faulty message, and waits where the link is full: one that was dropped teaches nothing.
         timer: For delays.
         rng: Draws bits and copies.
         say: Tells the bench.
@@ -108,6 +109,7 @@ class Lane:
     name: str
     key: str
     put: Put
+    spoil: Put
     timer: Timer
     rng: random.Random
     say: Callable[[dict[str, Any]], None]
@@ -151,11 +153,11 @@ class Lane:
         if plan.fault == "delay":
             self.timer.at(now + plan.delay_ns, lambda: self.put(message))
         elif plan.fault == "corruption":
-            self.put(corrupted(message, self.rng))
+            self.spoil(corrupted(message, self.rng))
         elif plan.fault in ADDED:
             self.put(message)
             now = time.monotonic_ns()
-            self.put(self._added(plan, message))
+            self.spoil(self._added(plan, message))
         self._count(plan, now)
 
     def _added(self, plan: Plan, message: Message) -> Message:
@@ -209,7 +211,9 @@ class Chaos:
             self._lane(name, keys.input(name), self._outer, self._inner)
         for name in OUTPUTS:
             self._lane(name, keys.output(name), self._inner, self._outer)
-        self.lanes[REPLY] = self._make_lane(REPLY, keys.output("zone"), lambda message: None)
+        self.lanes[REPLY] = self._make_lane(
+            REPLY, keys.output("zone"), lambda message: None, lambda message: None
+        )
         for name in QUERIES:
             self._declared.append(
                 self._outer.declare_queryable(
@@ -218,31 +222,32 @@ class Chaos:
             )
 
     def _lane(self, name: str, key: str, origin: zenoh.Session, goal: zenoh.Session) -> None:
-        publisher = goal.declare_publisher(
-            key,
-            express=True,
-            priority=zenoh.Priority.REAL_TIME,
-            congestion_control=zenoh.CongestionControl.DROP,
-        )
+        putting = [
+            goal.declare_publisher(
+                key, express=True, priority=zenoh.Priority.REAL_TIME, congestion_control=congestion
+            )
+            for congestion in (zenoh.CongestionControl.DROP, zenoh.CongestionControl.BLOCK)
+        ]
 
-        def put(message: Message) -> None:
+        def put(message: Message, publisher: zenoh.Publisher = putting[0]) -> None:
             try:
                 publisher.put(message.payload, encoding=message.encoding, attachment=message.attachment)
             except zenoh.ZError:
                 return  # the other end is gone for the moment
 
-        lane = self._make_lane(name, key, put)
+        lane = self._make_lane(name, key, put, lambda message: put(message, putting[1]))
         self.lanes[name] = lane
         self._declared += [
-            publisher,
+            *putting,
             origin.declare_subscriber(key, lambda sample: lane.take(Message.of(sample))),
         ]
 
-    def _make_lane(self, name: str, key: str, put: Put) -> Lane:
+    def _make_lane(self, name: str, key: str, put: Put, spoil: Put) -> Lane:
         return Lane(
             name=name,
             key=key,
             put=put,
+            spoil=spoil,
             timer=self._timer,
             rng=random.Random(self._rng.random()),
             say=say,
@@ -296,7 +301,7 @@ class Chaos:
             time.sleep(plan.delay_ns * 1e-9)
             return [message]
         with lane.lock:
-            lane.put = collected.append
+            lane.put = lane.spoil = collected.append
             earlier = list(lane.recent)
             if plan is not None and plan.fault in ("repetition", "sequence"):
                 # There is no second message to exchange an answer with: an older one comes in its place.

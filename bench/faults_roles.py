@@ -16,7 +16,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-import zenoh
 
 from ssm_service.client import Client, Connection, Followed, Follower
 from ssm_service.model import Robot
@@ -27,9 +26,9 @@ from ssm_service.simulation.drivers import Drivers
 from ssm_service.simulation.load import load_scenario
 from ssm_service.simulation.obeying import Obeying
 from ssm_service.simulation.world import Emitted, World
-from ssm_service.wire import Keys, encoding_of
+from ssm_service.wire import Keys
 from ssm_service.wire import messages as m
-from ssm_service.wire.integrity import Heard, seal
+from ssm_service.wire.integrity import Heard
 
 from .faults_chaos import chaos, say
 from .faults_sensors import Sensors
@@ -133,44 +132,15 @@ def plant(*, robot: str, scenario: str, name: str, endpoint: str, seed: int) -> 
     loaded = Robot.load(robot)
     keys = Keys(name)
     connection = Connection((endpoint,))
-    session = connection.wait(30.0)
+    connection.wait(30.0)
     world = World(loaded, load_scenario(scenario, loaded), seed=seed)
     follower = Follower(connection, keys)
-    process = Plant(world, follower, Publishing(session, keys, loaded))
+    process = Plant(world, follower, Drivers(connection, keys, loaded))
     say({"ready": True})
     threading.Thread(target=process.listen, daemon=True).start()
     FixedRateLoop(STEP_NS, spin_ns=0).run(process.step, lambda _until: None, lambda: not _closed.is_set())
     follower.close()
     connection.close()
-
-
-class Publishing:
-    """Sends what the simulated sensors say, with checksum and proof of age, from bytes that may be spoilt.
-
-    Args:
-        session: An open session.
-        keys: The robot's keys.
-        robot: The robot.
-    """
-
-    def __init__(self, session: zenoh.Session, keys: Keys, robot: Robot) -> None:
-        self.drivers = Drivers(session, keys, robot)
-        self._keys = keys
-        self._publishers = {
-            source: session.declare_publisher(
-                keys.input(source),
-                encoding=encoding_of(kind),
-                express=True,
-                priority=zenoh.Priority.REAL_TIME,
-                congestion_control=zenoh.CongestionControl.DROP,
-            )
-            for source, kind in m.INPUTS.items()
-        }
-
-    def put(self, source: str, payload: bytes, head: tuple[str, int], heard: Heard | None) -> None:
-        """Send one message."""
-        attachment = seal(self._keys.input(source), *head, payload, heard)
-        self._publishers[source].put(payload, attachment=attachment)
 
 
 SOURCE_OF = {kind: source for source, kind in m.INPUTS.items()}
@@ -182,14 +152,14 @@ class Plant:
     Args:
         world: The simulated world.
         follower: The robot's own watchdog.
-        publishing: The drivers.
+        drivers: The drivers.
     """
 
-    def __init__(self, world: World, follower: Follower, publishing: Publishing) -> None:
+    def __init__(self, world: World, follower: Follower, drivers: Drivers) -> None:
         self.world = world
         self.obeying = Obeying(world, follower)
         self._follower = follower
-        self._publishing = publishing
+        self._drivers = drivers
         self._sensors = Sensors(world.robot)
         self._said: tuple[Any, ...] = ()
         self._overdue = self._stopped_ns = 0
@@ -212,10 +182,10 @@ class Plant:
             heard = Heard(followed.zone_message.producer, followed.zone_message.seq)
         with self._lock:
             emitted = self._sensors.emitted(_swinging(self.world))
-            for message in self._publishing.drivers.messages(emitted):
+            for message in self._drivers.messages(emitted):
                 source = SOURCE_OF[type(message)]
                 head, payload = self._sensors.payload(source, message)
-                self._publishing.put(source, payload, head, heard)
+                self._drivers.put(source, payload, head, heard)
             self._sensors.sent()
         if followed is not None:
             self._tell(followed)

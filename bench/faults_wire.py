@@ -109,6 +109,9 @@ def inject(rig: Rig, bounds: Bounds, shot: Shot, rng: random.Random) -> dict[str
     stop = first_stop(rig, start, done["first_ns"], wait, target=shot.lane == "target")
     noticed, by = _noticed(rig, start, shot, done)
     found = events(rig, start)
+    if not noticed and shot.lane in OUTWARD and any(event["own"] for event in found):
+        # The consumer was held up meanwhile: what waited then was dropped unread, good and bad.
+        return result("wire", shot.fault, shot.cell, begun=begun, void=True)
     took = milliseconds(stop, done["first_ns"])
     return result(
         "wire",

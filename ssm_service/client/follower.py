@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..wire import Heard, Keys
 from ..wire import messages as m
 from ..wire.latch import Latch
-from .accept import CAPACITY, Channel
+from .accept import CAPACITY, Channel, check
 from .connection import Connection
 from .echoing import Echoing
 from .followed import Followed
@@ -124,9 +124,18 @@ class Follower:
         self.watchdog.forget()
         trip.restart(now)
         for channel in channels:
-            for _ in range(CAPACITY):
-                if _receive(channel) is None:
-                    break
+            self._drop(channel, now)
+
+    def _drop(self, channel: Channel[m.Zone] | Channel[m.VelocityCommand], now: int) -> None:
+        """Take what waits for nothing, but for what is wrong with it: a pause hides no error of integrity."""
+        for _ in range(CAPACITY):
+            sample = _receive(channel)
+            if sample is None:
+                return
+            try:
+                check(channel.decode(sample), self._keys.robot)
+            except InputError as error:
+                self.watchdog.refuse(error, now)
 
     def _prove(self, trip: RoundTrip, now: int) -> None:
         try:

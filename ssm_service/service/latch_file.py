@@ -80,24 +80,31 @@ def state_of(latch: Latch) -> LatchState:
 
 
 class LatchFile:
-    """Writes states in a thread of its own, the newest one as soon as it can, again until it succeeds.
+    """Writes states beside the loop, the newest one as soon as it can, again until it succeeds.
 
-    A state that is written survives a power cut: it is in place whole, or the one before it is.
+    One thread puts a state in place, where it outlives this process at once; another one waits until it is on
+    the disk, where it outlives a power cut. So a state never waits for the disk to take the one before it. A
+    power cut in between may leave a file that cannot be read: that is latched.
 
     Args:
         path: The file.
-        say: Called in the thread with lines for people.
-        warn: Called in the thread with what keeps it from writing.
+        say: Called in a thread with lines for people.
+        warn: Called in a thread with what keeps it from writing.
     """
 
     def __init__(self, path: Path, say: Callable[[str], None], warn: Callable[[str], None]) -> None:
         self._path, self._say, self._warn = path, say, warn
         self._changed = threading.Condition()
         self._waiting: LatchState | None = None
+        self._placed: LatchState | None = None
         self._lines: list[str] = []
-        self._ending = False
-        self._thread = threading.Thread(target=self._run, name="latch", daemon=True)
-        self._thread.start()
+        self._ending = self._all_placed = False
+        self._threads = [
+            threading.Thread(target=self._place, name="latch", daemon=True),
+            threading.Thread(target=self._sync, name="latch-disk", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def save(self, state: LatchState, line: str = "") -> None:
         """Have a state written, in place of one that still waits, and a line said."""
@@ -105,44 +112,68 @@ class LatchFile:
             self._waiting = state
             if line:
                 self._lines.append(line)
-            self._changed.notify()
+            self._changed.notify_all()
 
     def close(self, timeout_s: float = 1.0) -> None:
         """Write what waits, if that can be done in time, and end."""
+        deadline = time.monotonic() + timeout_s
         with self._changed:
             self._ending = True
-            self._changed.notify()
-        self._thread.join(timeout_s)
+            self._changed.notify_all()
+        for thread in self._threads:
+            thread.join(max(deadline - time.monotonic(), 0.0))
 
-    def _run(self) -> None:
+    def _place(self) -> None:
+        try:
+            while True:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._waiting is not None or self._ending)
+                    if self._waiting is None:
+                        return
+                    state, lines = self._waiting, self._lines
+                    self._waiting, self._lines = None, []
+                for line in lines:
+                    self._say(line)
+                if self._done(put_whole, msgspec.json.encode(state)):
+                    with self._changed:
+                        self._placed = state
+                        self._changed.notify_all()
+                elif not self._again(state):
+                    return
+        finally:
+            with self._changed:
+                self._all_placed = True
+                self._changed.notify_all()
+
+    def _sync(self) -> None:
         while True:
             with self._changed:
-                while self._waiting is None and not self._ending:
-                    self._changed.wait()
-                if self._waiting is None:
-                    return
-                state, lines = self._waiting, self._lines
-                self._waiting, self._lines = None, []
-            for line in lines:
-                self._say(line)
-            if not self._written(state):
-                with self._changed:
-                    self._waiting = self._waiting or state
-                    if self._ending:
-                        return
-                    self._changed.wait(RETRY_S)
+                self._changed.wait_for(lambda: self._placed is not None or self._all_placed)
+                state, self._placed = self._placed, None
+            if state is None:
+                return
+            if not self._done(sync) and not self._again(state):
+                return
 
-    def _written(self, state: LatchState) -> bool:
+    def _again(self, state: LatchState) -> bool:
+        """Have a state that failed written again after a while; return whether there is one more attempt."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._ending, RETRY_S)
+            self._waiting = self._waiting or state
+            self._changed.notify_all()
+            return not self._ending
+
+    def _done(self, step: Callable[..., None], *content: bytes) -> bool:
         try:
-            write_whole(self._path, msgspec.json.encode(state))
+            step(self._path, *content)
         except OSError as error:
             self._warn(f"a latched stop would not outlive this process: {self._path}: {error.strerror}")
             return False
         return True
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Put a file in place whole, and wait until it is on the disk.
+def put_whole(path: Path, content: bytes) -> None:
+    """Put a file in place whole; see ``sync`` for when it is on the disk.
 
     Raises:
         OSError: It cannot be written.
@@ -150,16 +181,22 @@ def write_whole(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        part.write_bytes(content)
         part.replace(path)
     except OSError:
         part.unlink(missing_ok=True)
         raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+
+
+def sync(path: Path) -> None:
+    """Wait until a file, as it is in place now, is on the disk, with its name.
+
+    Raises:
+        OSError: It is not there, or the disk does not take it.
+    """
+    for one in (path, path.parent):
+        descriptor = os.open(one, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

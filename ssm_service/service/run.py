@@ -14,7 +14,7 @@ from ..wire.exposure import exposures, unchecked_rights
 from ..wire.session import DEFAULT_ENDPOINT, close_session, open_session, zenoh_config
 from .child import EvaluatingProcess
 from .options import ServiceOptions, WorkerOptions
-from .realtime import apply_realtime
+from .realtime import apply_realtime, few_arenas
 from .service import Service
 
 WAIT_NS = 10_000_000
@@ -29,6 +29,7 @@ def run_service(options: ServiceOptions, log: Callable[[str], None]) -> None:
         ServiceError: The network could not be opened, or the evaluating process not started.
         DuplicateServiceError: Another service answers for the same robot.
     """
+    few_arenas()
     robot = Robot.load(options.robot)
     listen = list(options.listen)
     if not (listen or options.connect or options.zenoh_config):

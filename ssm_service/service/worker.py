@@ -36,6 +36,7 @@ from ..wire import messages as m
 from ..wire.convert import joints_value
 from ..wire.session import open_session, zenoh_config
 from .options import WorkerOptions
+from .realtime import few_arenas
 
 EVALUATE_LIMIT = 4 * 1024 * 1024
 """Greatest ``evaluate`` payload [bytes]."""
@@ -183,6 +184,7 @@ class EvaluatingWorker:
 def main() -> None:
     """Run until the service's end of the pipe closes, however the service ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    few_arenas()
     options = msgspec.json.decode(sys.stdin.readline(), type=WorkerOptions)
     with open_session(zenoh_config("client", connect=[options.endpoint])) as session:
         worker = EvaluatingWorker(options, session)

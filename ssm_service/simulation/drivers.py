@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 import uuid
+from contextlib import suppress
 from typing import Any
 
 import msgspec
 import zenoh
 
+from ..client import Connection
 from ..model import Obstacle, Robot
 from ..wire import Heard, Keys, encoding_of, optional_readings, seal
 from ..wire import messages as m
@@ -23,28 +25,21 @@ class Drivers:
     Joints are named in alphabetical order, as ROS drivers do, so that nobody may rely on another one.
 
     Args:
-        session: An open session.
+        session: An open session, or a ``Connection`` that may replace its own: publishers follow.
         keys: The robot's keys.
         robot: The robot.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Keys, robot: Robot) -> None:
+    def __init__(self, session: zenoh.Session | Connection, keys: Keys, robot: Robot) -> None:
+        self._link = session
+        self._session: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
         self._keys = keys
         self.producer = uuid.uuid4().hex
         self._encoder = msgspec.json.Encoder()
         self._order = sorted(range(len(robot.joint_names)), key=robot.joint_names.__getitem__)
         self._names = [robot.joint_names[index] for index in self._order]
         self._seq = dict.fromkeys(m.INPUTS, -1)
-        self._publishers = {
-            source: session.declare_publisher(
-                keys.input(source),
-                encoding=encoding_of(kind),
-                express=True,
-                priority=zenoh.Priority.REAL_TIME,
-                congestion_control=zenoh.CongestionControl.DROP,
-            )
-            for source, kind in m.INPUTS.items()
-        }
 
     def send(self, emitted: Emitted, after: Heard | None = None) -> None:
         """Publish what is there, with its checksum.
@@ -58,8 +53,46 @@ class Drivers:
         """
         for message in self.messages(emitted):
             source, payload = _SOURCE[type(message)], self._encoder.encode(message)
-            attachment = seal(self._keys.input(source), message.producer, message.seq, payload, after)
-            self._publishers[source].put(payload, attachment=attachment)
+            self.put(source, payload, (message.producer, message.seq), after)
+
+    def put(self, source: str, payload: bytes, head: tuple[str, int], after: Heard | None) -> None:
+        """Publish one message, with its checksum; while there is no session it is lost, as on any network.
+
+        Args:
+            source: E.g. ``joints``.
+            payload: The message's bytes.
+            head: Producer and ``seq``, for the checksum.
+            after: See ``send``.
+
+        Raises:
+            zenoh.ZError: The session was closed, and is not a ``Connection``'s.
+        """
+        attachment = seal(self._keys.input(source), *head, payload, after)
+        if not isinstance(self._link, Connection):
+            self._publish(self._link, source, payload, attachment)
+            return
+        session = self._link.session
+        if session is not None:
+            with suppress(zenoh.ZError):  # it was closed just now, to be replaced
+                self._publish(session, source, payload, attachment)
+
+    def _publish(self, session: zenoh.Session, source: str, payload: bytes, attachment: bytes) -> None:
+        if session is not self._session:
+            self._publishers = self._declared(session)
+            self._session = session
+        self._publishers[source].put(payload, attachment=attachment)
+
+    def _declared(self, session: zenoh.Session) -> dict[str, zenoh.Publisher]:
+        return {
+            source: session.declare_publisher(
+                self._keys.input(source),
+                encoding=encoding_of(kind),
+                express=True,
+                priority=zenoh.Priority.REAL_TIME,
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+            for source, kind in m.INPUTS.items()
+        }
 
     def messages(self, emitted: Emitted) -> list[Input]:
         """Return the messages for what is there, numbered and stamped."""

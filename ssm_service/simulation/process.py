@@ -17,7 +17,7 @@ import zenoh
 from ..client import Connection, Follower
 from ..model import Robot
 from ..service import Beat, FixedRateLoop
-from ..service.realtime import SpareTimeCollector, apply_realtime
+from ..service.realtime import SpareTimeCollector, apply_realtime, few_arenas
 from ..wire import Keys
 from ..wire.session import DEFAULT_ENDPOINT
 from .drivers import Drivers
@@ -82,7 +82,8 @@ class Simulation:
     """One simulated robot on an open session.
 
     Args:
-        session: The session; it finds back to a restarted service by itself.
+        session: The session, which finds back to a restarted service by itself; or a ``Connection``, which
+            also replaces one that does not.
         options: How to run.
         robot: The robot.
         scenario: The scenario.
@@ -92,7 +93,7 @@ class Simulation:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        session: zenoh.Session | Connection,
         options: SimulationOptions,
         robot: Robot,
         scenario: Scenario,
@@ -177,6 +178,7 @@ def run_simulation(
     Raises:
         ConfigError: The robot file, the scenario or the Zenoh configuration is wrong.
     """
+    few_arenas()
     robot = Robot.load(options.robot)
     scenario = load_scenario(options.scenario, robot)
     if scenario.remark:
@@ -190,14 +192,13 @@ def run_simulation(
             return not flag.up and (end is None or time.monotonic() < end)
 
         try:
-            session = _session(connection, options, running, log)
-            if session is None:
+            if not _connected(connection, options, running, log):
                 return _never_connected(scenario)
             if options.realtime:
                 _done, refused = apply_realtime()
                 if refused:
                     log(f"not permitted: {'; '.join(refused)}")
-            simulation = Simulation(session, options, robot, scenario, log, on_step)
+            simulation = Simulation(connection, options, robot, scenario, log, on_step)
             try:
                 FixedRateLoop(PERIOD_NS, spin_ns=0).run(simulation.step, SpareTimeCollector().work, running)
             finally:
@@ -207,23 +208,22 @@ def run_simulation(
             connection.close()
 
 
-def _session(
+def _connected(
     connection: Connection,
     options: SimulationOptions,
     running: Callable[[], bool],
     log: Callable[[str], None],
-) -> zenoh.Session | None:
-    """Return the session once a service is there; ``None`` if the run ended before."""
+) -> bool:
+    """Wait until a service is there; ``False`` if the run ended before."""
     begin, waiting = time.monotonic(), False
     while running():
-        session = connection.session
-        if session is not None:
-            return session
+        if connection.session is not None:
+            return True
         if not waiting and time.monotonic() - begin > PATIENCE_S:
             log(f"waiting for a service at {', '.join(options.connect) or 'the endpoints of the file'}")
             waiting = True
         time.sleep(0.02)
-    return None
+    return False
 
 
 def _never_connected(scenario: Scenario) -> Summary:

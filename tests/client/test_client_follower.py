@@ -144,6 +144,17 @@ def test_after_a_pause_the_backlog_is_dropped_and_the_proof_asked_for_anew(bench
     assert followed.expires_ns == 4 * MS + gap + VALID_NS
 
 
+def test_a_pause_hides_nothing_that_is_wrong_with_what_waited(bench):
+    bench.send(11)
+    bench.follower.poll(2 * MS)
+    bench.zones.waiting += [b"nonsense", msgspec.structs.replace(zone(12), robot="another"), zone(13)]
+    bench.commands.waiting += [b"nonsense"]
+    assert bench.follower.poll(2000 * MS).stopped_by_consumer
+    assert bench.follower.watchdog.rejected == {"not_json": 2, "wrong_robot": 1}
+    assert bench.follower.watchdog.integrity_errors == {"addressing": 1}
+    assert bench.follower.heard.seq == 11  # what is right with it is dropped all the same
+
+
 def test_a_flood_neither_holds_up_a_poll_nor_refreshes(bench):
     bench.send(11)
     bench.follower.poll(2 * MS)

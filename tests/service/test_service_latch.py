@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import stat
+import resource
 import threading
 import time
 from pathlib import Path
@@ -20,9 +20,9 @@ from ssm_service.service.latch_file import (
     LatchFile,
     LatchState,
     load_latch,
+    put_whole,
     state_file,
     state_of,
-    write_whole,
 )
 
 SECOND = 1_000_000_000
@@ -165,28 +165,59 @@ def test_a_file_in_the_folders_place_holds_nothing_and_is_said(said, tmp_path):
 
 
 def test_a_full_disk_is_said_and_written_once_there_is_room(said, tmp_path, monkeypatch):
-    full, path = threading.Event(), tmp_path / "ur3.json"
-    full.set()
-    real = os.fsync
+    path = tmp_path / "ur3.json"
+    monkeypatch.setattr(latch_file, "RETRY_S", 0.02)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        watch = said.watch(path)
+        for _ in range(2):
+            watch.add("corruption", "in/joints", time.monotonic_ns())
+        wait_for(lambda: len(said.warnings) > 2)
+        left = list(tmp_path.iterdir())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert set(said.warnings) == {f"a latched stop would not outlive this process: {path}: File too large"}
+    assert left == []  # no half of a file
+    wait_for(path.exists)
+    assert content(path)["latched"] == watch.latched
+    watch.close()
+
+
+def test_a_disk_that_does_not_take_it_is_said_and_it_is_written_again(said, tmp_path, monkeypatch):
+    path, refusing, real, asked = tmp_path / "ur3.json", threading.Event(), os.fsync, []
 
     def fsync(number: int) -> None:
-        if full.is_set() and stat.S_ISREG(os.fstat(number).st_mode):
-            raise OSError(28, "No space left on device")
+        asked.append(os.fstat(number).st_ino)
+        if refusing.is_set():
+            raise OSError(5, "Input/output error")
         real(number)
 
+    refusing.set()
     monkeypatch.setattr(latch_file.os, "fsync", fsync)
     monkeypatch.setattr(latch_file, "RETRY_S", 0.02)
     watch = said.watch(path)
-    for _ in range(2):
-        watch.add("corruption", "in/joints", time.monotonic_ns())
     wait_for(lambda: len(said.warnings) > 2)
     assert set(said.warnings) == {
-        f"a latched stop would not outlive this process: {path}: No space left on device"
+        f"a latched stop would not outlive this process: {path}: Input/output error"
     }
-    assert list(tmp_path.iterdir()) == []  # no half of a file
-    full.clear()
-    wait_for(path.exists)
-    assert content(path)["latched"] == watch.latched
+    assert (
+        len(set(asked)) > 1
+    )  # a file written anew: what failed to reach the disk is not tried again as it is
+    refusing.clear()
+    wait_for(lambda: tmp_path.stat().st_ino in asked)
+    watch.close()
+
+
+def test_a_latch_does_not_wait_for_the_disk_to_take_what_came_before(said, tmp_path, monkeypatch):
+    path, slow = tmp_path / "ur3.json", threading.Event()
+    monkeypatch.setattr(latch_file.os, "fsync", lambda _number: slow.wait(10.0))
+    watch = said.watch(path)
+    watch.add("corruption", "in/joints", time.monotonic_ns())
+    wait_for(lambda: path.exists() and content(path)["fault"] == "corruption")
+    watch.add("corruption", "in/joints", time.monotonic_ns())
+    wait_for(lambda: content(path)["latched"] is not None)
+    slow.set()
     watch.close()
 
 
@@ -212,7 +243,7 @@ def test_a_state_that_waits_is_written_at_the_end_and_only_the_newest(tmp_path):
 
 def test_a_file_is_in_place_whole_or_not_at_all(tmp_path):
     path = tmp_path / "a" / "b" / "x.json"
-    write_whole(path, b"one")
-    write_whole(path, b"two")
+    put_whole(path, b"one")
+    put_whole(path, b"two")
     assert path.read_bytes() == b"two"
     assert [one.name for one in path.parent.iterdir()] == ["x.json"]
