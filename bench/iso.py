@@ -10,6 +10,7 @@ done while its command still closed in, or a contact with a link that was coming
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
@@ -18,9 +19,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import msgspec
+
 from . import sweep
 from .common import Report, figure, parser, progress
-from .iso_run import HORIZON_S, PERIOD_S, Result, pieces, plain_distance, robots, run
+from .iso_run import HORIZON_S, PERIOD_S, Piece, Result, pieces, plain_distance, robots, run
 from .iso_scenes import ARM_SPEEDS_M_S, PROFILES, SCENARIOS
 
 FULL = 200
@@ -125,20 +128,48 @@ def notes(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
             yield f"{one['profile']}: {example}"
 
 
+def _kept(path: Path | None) -> dict[Piece, Result]:
+    """Return the results that a run before has kept; the last line may have been cut off."""
+    if path is None or not path.exists():
+        return {}
+    found = {}
+    for line in path.read_bytes().splitlines():
+        with contextlib.suppress(msgspec.MsgspecError):
+            result = msgspec.json.decode(line, type=Result)
+            found[result.piece] = result
+    return found
+
+
+def _keep(path: Path | None, result: Result) -> None:
+    if path is not None:
+        with path.open("ab") as file:
+            file.write(msgspec.json.encode(result) + b"\n")
+
+
 def main() -> None:
     """Run the benchmark."""
     options = parser("iso", __doc__, "variants", 6, "variants of each scenario")
     options.add_argument("--full", action="store_true", help=f"{FULL} variants of each scenario")
     workers = len(os.sched_getaffinity(0))
     options.add_argument("--workers", type=int, default=workers, help="processes (default: %(default)s)")
+    options.add_argument(
+        "--lines",
+        type=Path,
+        metavar="FILE",
+        help="keep each result there at once, and go on from what it holds",
+    )
     arguments = options.parse_args()
     variants = FULL if arguments.full else arguments.variants
-    begin, todo, results = time.perf_counter(), pieces(arguments.seed, variants), []
+    begin, wanted = time.perf_counter(), pieces(arguments.seed, variants)
+    kept = _kept(arguments.lines)
+    todo = [piece for piece in wanted if piece not in kept]
     with sweep.local(arguments.workers) as executor, progress() as bar:
         runs = bar.add_task("runs", total=len(todo))
         for result in executor.map(run, todo, chunksize=3):
-            results.append(result)
+            kept[result.piece] = result
+            _keep(arguments.lines, result)
             bar.advance(runs)
+    results = [kept[piece] for piece in wanted]
     rows = table(results)
     Report(
         name="iso",
