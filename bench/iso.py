@@ -156,7 +156,7 @@ def main() -> None:
         "--lines",
         type=Path,
         metavar="FILE",
-        help="keep each result there at once, and go on from what it holds",
+        help="keep each result there, and go on from what it holds",
     )
     arguments = options.parse_args()
     variants = FULL if arguments.full else arguments.variants
