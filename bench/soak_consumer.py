@@ -7,7 +7,6 @@ that nobody reported, and twice a second its counters. It ends when its stdin do
 from __future__ import annotations
 
 import contextlib
-import gc
 import json
 import os
 import sys
@@ -103,8 +102,6 @@ def _follow(session: zenoh.Session, keys: Keys, period_ns: int, ended: threading
     subscriber = session.declare_subscriber(keys.output("zone"), ring)
     decoder: Decoder[m.Zone] = Decoder(m.Zone)
     account, follower = Account(period_ns), Follower(session, keys)
-    gc.collect()
-    gc.freeze()
     collector = SpareTimeCollector()
     pauses: deque[tuple[float, float]] = deque([(time.monotonic(), 0.0)])
     before, said, stops, obeyed = time.monotonic(), 0.0, 0, 0
