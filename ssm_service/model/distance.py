@@ -151,12 +151,35 @@ class DistanceModel:
             InputError: ``wrong_length`` or ``not_finite``.
         """
         q = self._robot.pinocchio_configuration(position)
-        bounds = np.empty((len(self._parts_of_link), len(self._ids)))
-        if self._ids:
-            pieces = np.array(self._scene.compute(q)).reshape(len(self._ids), self._scene.piece_count)
-            for row, parts in zip(bounds, self._parts_of_link, strict=True):
-                row[:] = pieces[:, parts[0].first : parts[-1].last].min(axis=1) - _SLACK_M
+        if not self._ids:
+            return np.empty((len(self._parts_of_link), 0))
+        pieces = np.array(self._scene.compute(q)).reshape(len(self._ids), self._scene.piece_count)
+        first = [parts[0].first for parts in self._parts_of_link]
+        bounds: NDArray[np.float64] = np.minimum.reduceat(pieces, first, axis=1).T - _SLACK_M
         return bounds
+
+    def keeps(self, position: ArrayLike, clearance: float) -> bool:
+        """Return whether every bound of ``bounds`` is at least ``clearance`` [m].
+
+        Only hull pieces whose ball is nearer than that are measured, until one is too near.
+
+        Args:
+            position: (n,) [rad or m].
+            clearance: [m].
+
+        Raises:
+            InputError: ``wrong_length`` or ``not_finite``.
+        """
+        q = self._robot.pinocchio_configuration(position)
+        if not self._ids:
+            return True
+        balls = self._scene.place(q).ravel() - _SLACK_M
+        # not above or at it, so that what is no number is looked at
+        near = (~(balls - _SLACK_M >= clearance)).nonzero()[0]
+        for index in near[np.argsort(balls[near])].tolist():
+            if not self._scene.measure(*divmod(index, self._scene.piece_count)) - _SLACK_M >= clearance:
+                return False
+        return True
 
     def all_pairs(self, position: ArrayLike) -> list[ClosestPair]:
         """Return the exact distance of every monitored link (outer) to every obstacle (inner).
@@ -178,11 +201,12 @@ class DistanceModel:
                 pairs.append(self._closest_pair(nearest))
         return pairs
 
-    def pairs(self, position: ArrayLike) -> Pairs:
+    def pairs(self, position: ArrayLike, within: float = math.inf) -> Pairs:
         """Return every monitored link with every obstacle by the hull pieces, in one call of Pinocchio.
 
         Args:
             position: (n,) [rad or m].
+            within: Pairs that are not nearer than this are left out [m]; points and normals cost most.
 
         Raises:
             InputError: ``wrong_length`` or ``not_finite``.
@@ -200,13 +224,17 @@ class DistanceModel:
         )  # (links, obstacles)
         link, obstacle = (index.ravel() for index in np.indices(nearest.shape))
         piece = nearest.ravel()
+        distance = pieces[obstacle, piece] - _SLACK_M
+        if within < math.inf:
+            near = distance < within
+            link, obstacle, piece, distance = link[near], obstacle[near], piece[near], distance[near]
         on_link, on_obstacle, normal = self._witness.of_hulls(piece.tolist(), obstacle.tolist())
         return Pairs(
             links=self._robot.monitored_links,
             obstacles=self._ids,
             link=link,
             obstacle=obstacle,
-            distance=pieces[obstacle, piece] - _SLACK_M,
+            distance=distance,
             exact=np.zeros(len(piece), dtype=np.bool_),
             point_on_link=on_link,
             point_on_obstacle=on_obstacle,
