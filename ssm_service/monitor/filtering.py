@@ -16,9 +16,13 @@ from ..motion import (
     VelocityFilter,
     approach_speeds,
     barrier_bounds,
+    contact_bounds,
+    softness,
     task_metric,
     velocity_box,
 )
+from ..motion.filter import DAMPING_M_RAD
+from ..motion.self_collision import SelfCollision
 from .snapshot import Snapshot
 
 Array = NDArray[np.float64]
@@ -38,12 +42,16 @@ class Rows(NamedTuple):
     Attributes:
         gradients: (p, n) g [m/rad].
         bounds: (p,) b [m/s].
-        normals: (p, 3) unit, from the obstacle to the link, base frame.
-        pair: (p,) indices into ``Snapshot.pairs``; -1 for what a ring sees.
+        ceilings: (p,) c [m/s].
+        approach: (p,) the obstacle's own speed towards the link [m/s].
+        normals: (p, 3) unit, from the obstacle to the link, base frame; 0 where none is told.
+        pair: (p,) indices into ``Snapshot.pairs``; -1 for what a ring sees and for the arm itself.
     """
 
     gradients: Array
     bounds: Array
+    ceilings: Array
+    approach: Array
     normals: Array
     pair: NDArray[np.intp]
 
@@ -71,6 +79,7 @@ class Filtering:
         self._config = robot.config.file.motion.filter
         self._period_s = period_s
         self._filter = VelocityFilter()
+        self._itself = SelfCollision(robot)
         self._circulation = Circulation(self._config)
         self._goal: bytes | None = None
         self._blocked, self._normal = False, np.zeros(3)
@@ -123,11 +132,12 @@ class Filtering:
         metric = None
         if snapshot.target.kind != "joint_velocity":
             metric = task_metric(snapshot.kinematics.jacobian)
-        rows = self._rows(snapshot)
-        found = self._filter.solve(wanted[free], rows.gradients[:, free], rows.bounds, box, metric)
+        itself = self._of_itself(snapshot, box)
+        rows = self._rows(snapshot, itself)
+        found = self._solve(wanted[free], rows, box, metric)
         if self._refine(snapshot.pairs, rows.pair[list(found.active)], distances):
-            rows = self._rows(snapshot)
-            found = self._filter.solve(wanted[free], rows.gradients[:, free], rows.bounds, box, metric)
+            rows = self._rows(snapshot, itself)
+            found = self._solve(wanted[free], rows, box, metric)
         self.last = found
         velocity = np.zeros(len(wanted))
         velocity[free] = found.velocity
@@ -171,40 +181,74 @@ class Filtering:
         self._blocked = bool(found.active) and stopped
         self._normal = normals[found.active[0]] if found.active else np.zeros(3)
 
-    def _rows(self, snapshot: Snapshot) -> Rows:
-        """Return the rows of all pairs within the influence distance."""
-        found = []
+    def _solve(self, wanted: Array, rows: Rows, box: Box, metric: Array | None) -> Filtered:
+        return self._filter.solve(
+            wanted,
+            rows.gradients[:, self._robot.free],
+            rows.bounds,
+            box,
+            metric,
+            rows.ceilings,
+            softness(rows.bounds, rows.approach, DAMPING_M_RAD),
+        )
+
+    def _rows(self, snapshot: Snapshot, itself: Rows) -> Rows:
+        """Return the rows of all pairs within the influence distance, and those of the arm itself."""
+        found = [itself]
         if snapshot.pairs is not None and len(snapshot.pairs):
             found.append(self._tracked(snapshot, snapshot.pairs))
-        spatial = snapshot.kinematics.spatial_jacobian
         for thing in snapshot.things:
             if thing.source == "ranges":
-                points, normals = thing.point_on_link[np.newaxis], thing.normal[np.newaxis]
+                pair = np.array([-1])
                 moved = self._moved[thing.link][np.newaxis]
+                points, normals = thing.point_on_link[np.newaxis], thing.normal[np.newaxis]
                 found.append(
-                    Rows(
-                        gradients=closing_gradients(spatial, moved, points, normals),
-                        bounds=barrier_bounds(np.array([thing.distance]), np.zeros(1), self._config),
-                        normals=normals,
-                        pair=np.array([-1]),
+                    self._made(
+                        snapshot, moved, np.array([thing.distance]), points, normals, np.zeros(1), pair
                     )
                 )
-        if len(found) == 1:
-            return found[0]
-        count = len(self._robot.joint_names)
-        found.append(Rows(np.empty((0, count)), np.empty(0), np.empty((0, 3)), np.empty(0, dtype=np.intp)))
         return Rows(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
     def _tracked(self, snapshot: Snapshot, pairs: Pairs) -> Rows:
         near = (pairs.distance < self._config.influence_distance_m).nonzero()[0]
         speeds = np.array([one.velocity or (0.0, 0.0, 0.0) for one in snapshot.obstacles])
         normals = pairs.normal[near]
-        gradients = closing_gradients(
-            snapshot.kinematics.spatial_jacobian,
-            self._moved_rows[pairs.link[near]],
-            pairs.point_on_link[near],
-            normals,
-        )
         approach = approach_speeds(normals, speeds[pairs.obstacle[near]])
-        bounds = barrier_bounds(pairs.distance[near], approach, self._config)
-        return Rows(gradients=gradients, bounds=bounds, normals=normals, pair=near)
+        moved = self._moved_rows[pairs.link[near]]
+        return self._made(
+            snapshot, moved, pairs.distance[near], pairs.point_on_link[near], normals, approach, near
+        )
+
+    def _made(
+        self,
+        snapshot: Snapshot,
+        moved: NDArray[np.bool_],
+        distance: Array,
+        points: Array,
+        normals: Array,
+        approach: Array,
+        pair: NDArray[np.intp],
+    ) -> Rows:
+        return Rows(
+            gradients=closing_gradients(snapshot.kinematics.spatial_jacobian, moved, points, normals),
+            bounds=barrier_bounds(distance, approach, self._config),
+            ceilings=contact_bounds(distance, approach, self._config),
+            approach=approach,
+            normals=normals,
+            pair=pair,
+        )
+
+    def _of_itself(self, snapshot: Snapshot, box: Box) -> Rows:
+        """Return the rows of the links against each other, which are not soft and never ask for a retreat.
+
+        The links know where they are: the barrier's gain is that of the contact distance.
+        """
+        speeds = np.zeros(len(self._robot.joint_names))
+        speeds[self._robot.free] = np.maximum(-box.lower, box.upper)
+        margin, gain = self._config.self_margin_m, self._config.contact_gain
+        spatial = snapshot.kinematics.spatial_jacobian
+        distance, gradients = self._itself.rows(snapshot.joints.position, spatial, speeds, margin, gain)
+        bounds = np.maximum(gain * (distance - margin), 0.0)
+        count = len(bounds)
+        none = np.full(count, -1)
+        return Rows(gradients, bounds, bounds, np.zeros(count), np.zeros((count, 3)), none)
