@@ -242,7 +242,8 @@ class Contact:
         speeds = np.array([one.velocity or (0.0, 0.0, 0.0) for one in sight.obstacles])
         coming = np.einsum("ij,ij->i", pairs.normal[near], speeds[pairs.obstacle[near]])
         threatened = (coming > STANDING_M_S) & (pairs.distance[near] < THREATENED_M)
-        admitted = arm.config.file.motion.filter.approach_gain * pairs.distance[near].clip(0.0)
+        config = arm.config.file.motion.filter
+        admitted = config.approach_gain * (pairs.distance[near] - config.contact_m).clip(0.0)
         # What else is about to be touched must not retreat more slowly for it.
         admitted[threatened] = np.minimum(admitted, gradients @ plant.velocity)[threatened]
         return cls(

@@ -53,7 +53,7 @@ SOURCES = {
 }
 """The code of each method, beside what all have in common."""
 
-_OF_JUDGE = ("approach_gain", "margin_m")
+_OF_JUDGE = ("approach_gain", "contact_m", "margin_m")
 """What judge and peer take from the filter's settings."""
 
 
