@@ -22,8 +22,10 @@ from . import sweep
 from .avoidance_draw import drawn
 from .avoidance_lines import Lines, of_value, outcome_digest, scene_digest, to_value
 from .avoidance_methods import METHODS
-from .avoidance_run import HORIZON_S, Outcome, Piece, run
-from .avoidance_table import COLUMNS, broken, draw_arrivals, notes, table
+from .avoidance_notes import notes
+from .avoidance_outcome import Outcome
+from .avoidance_run import HORIZON_S, Piece, run
+from .avoidance_table import COLUMNS, broken, draw_arrivals, table
 from .common import Report, parser, progress
 
 SCENES = 200

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from ssm_service.model import (
-    ClosestPair,
-    DistanceModel,
-    Obstacle,
-    Pairs,
-    Robot,
-    closing_gradients,
-    moved_by,
-)
+from ssm_service.model import Pairs, Robot, closing_gradients, moved_by
 from ssm_service.monitor.command import zone_speed_limit
 from ssm_service.safety import Zone, ZoneProfile
 from ssm_service.simulation import Plant
+
+from .avoidance_outcome import Outcome
+from .avoidance_sight import Sight
 
 Array = NDArray[np.float64]
 
@@ -35,101 +27,6 @@ THREATENED_M = 0.05
 
 HELPLESS_M_S = 0.005
 """A link that could retreat no faster than this has nowhere to go."""
-
-
-@dataclass(slots=True, kw_only=True)
-class Outcome:
-    """What one method did in one scene.
-
-    Attributes:
-        number: Of the scene.
-        kind: Of the scene.
-        method: Its name.
-        possible: Whether the planner knows a path past everything that stands.
-        blocked: Whether the straight motion is blocked by what stands.
-        arrived_s: When the goal was reached for good [s]; None where it was not.
-        end: ``arrived``, ``contact``, ``stuck`` (makes no progress) or ``late``.
-        contact: ``drove`` into something, or was ``yielding`` less than it could; empty for neither.
-        where: Link, obstacle, time, closing speed and what was possible, of the contact.
-        retreating: Contacts of an obstacle that came, with a link that retreated as fast as it might.
-        helpless: Contacts of an obstacle that came, with a link that had nowhere to go.
-        least_m: The least distance until the end [m].
-        path: Length of the way in joint space [rad].
-        planned: Length of the planner's path [rad]; None where there is none.
-        instants: Ticks.
-        over: Ticks with a joint faster than its zone allows, by more than 1 %.
-        itself: Looks at which the arm touched itself, by the hulls of links that no joint joins.
-        goal_m: Distance to the goal at the end [m].
-        solve_us: How many ticks took about so long [µs].
-        info: What the method has to say.
-    """
-
-    number: int
-    kind: str
-    method: str
-    possible: bool
-    blocked: bool
-    planned: float | None
-    arrived_s: float | None = None
-    end: str = "late"
-    contact: str = ""
-    where: str = ""
-    retreating: int = 0
-    helpless: int = 0
-    least_m: float = math.inf
-    path: float = 0.0
-    instants: int = 0
-    over: int = 0
-    itself: int = 0
-    goal_m: float = math.inf
-    solve_us: Counter[float] = field(default_factory=Counter)
-    info: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def apart(self) -> int:
-        """Contacts that are not the arm's fault."""
-        return self.retreating + self.helpless
-
-
-class Sight:
-    """The distances at one instant, measured when they are asked for.
-
-    Attributes:
-        distances: What measures them.
-        obstacles: What is there.
-        position: (n,) where the arm is [rad].
-    """
-
-    def __init__(self, arm: Robot) -> None:
-        self.distances = DistanceModel(arm)
-        self.obstacles: tuple[Obstacle, ...] = ()
-        self.position = arm.rest_position
-        self._nearest: ClosestPair | None = None
-        self._measured = False
-
-    def at(self, obstacles: tuple[Obstacle, ...], position: Array) -> Sight:
-        """Go on to another instant, and return itself."""
-        if obstacles is not self.obstacles:
-            self.distances.set_obstacles(obstacles)
-            self.obstacles = obstacles
-        self.position, self._measured = position, False
-        return self
-
-    @property
-    def nearest(self) -> ClosestPair | None:
-        """The nearest pair of all, exactly, as the service measures it; None without obstacles."""
-        if not self._measured:
-            self._nearest, self._measured = self.distances.nearest(self.position), True
-        return self._nearest
-
-    @property
-    def least_m(self) -> float:
-        """The exact distance of the nearest pair [m]; infinite without obstacles."""
-        return math.inf if self.nearest is None else self.nearest.distance
-
-    def pairs(self, within: float = math.inf) -> Pairs:
-        """Return all pairs nearer than this [m], by the hulls."""
-        return self.distances.pairs(self.position, within)
 
 
 class Judge:

@@ -19,7 +19,7 @@ from typing import Any
 
 import msgspec
 
-from .avoidance_judge import Outcome
+from .avoidance_outcome import Outcome
 from .avoidance_scenes import robot
 
 _ROOT = Path(__file__).resolve().parents[1]
@@ -28,6 +28,7 @@ _PLANNING = tuple(f"ssm_service/motion/{name}.py" for name in ("planner", "path"
 _RUNNING = (
     "bench/avoidance_run.py",
     "bench/avoidance_judge.py",
+    "bench/avoidance_sight.py",
     "bench/avoidance_state.py",
     "ssm_service/monitor/command.py",
     *(f"ssm_service/motion/{name}.py" for name in ("limiting", "fields", "targets", "differential")),

@@ -100,23 +100,28 @@ class Pink:
             safe_displacement_gain=SAFE_DISPLACEMENT_GAIN,
             d_min=self._config.filter.margin_m,
         )
+        found = self._solved(configuration, [barrier] if pairs else [], state.dt)
+        return found if found is not None and np.isfinite(found).all() else np.zeros(self._model.nv)
+
+    def _solved(self, configuration: Any, barriers: list[Any], dt: float) -> Array | None:
+        """Return what pink finds; None where it finds nothing."""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 found: Array = self._pink.solve_ik(
                     configuration,
                     [self._task, self._posture],
-                    state.dt,
+                    dt,
                     solver=SOLVER,
                     damping=1e-6,
                     limits=[self._position, self._limits.VelocityLimit(self._model)],
-                    barriers=[barrier] if pairs else [],
+                    barriers=barriers,
                     safety_break=False,
                 )
         except self._pink.exceptions.NoSolutionFound:
             self.failed += 1
-            return np.zeros(self._model.nv)
-        return found if np.isfinite(found).all() else np.zeros(self._model.nv)
+            return None
+        return found
 
     def _place(self, obstacles: tuple[Obstacle, ...]) -> None:
         """Bring the obstacles to their places; build the geometry anew where others are there."""

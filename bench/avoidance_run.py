@@ -20,9 +20,11 @@ from ssm_service.perception import scan
 from ssm_service.simulation import Plant
 from ssm_service.simulation.schedule import Periodic
 
-from .avoidance_judge import Judge, Outcome, Sight
+from .avoidance_judge import Judge
 from .avoidance_methods import METHODS, info_of
+from .avoidance_outcome import Outcome
 from .avoidance_scenes import REST, Scene, World, robot
+from .avoidance_sight import Sight
 from .avoidance_state import PERIOD_S, State
 
 Array = NDArray[np.float64]

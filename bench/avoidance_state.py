@@ -16,7 +16,7 @@ from ssm_service.monitor.decision import Nearest
 from ssm_service.monitor.methods import Methods
 from ssm_service.monitor.snapshot import Snapshot
 
-from .avoidance_judge import Sight
+from .avoidance_sight import Sight
 
 Array = NDArray[np.float64]
 

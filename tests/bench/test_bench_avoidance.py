@@ -12,7 +12,8 @@ import pytest
 from bench import avoidance_methods as methods
 from bench import avoidance_scenes as scenes
 from bench.avoidance_draw import MOST, draw, straight_motion
-from bench.avoidance_judge import Contact, Judge, Outcome
+from bench.avoidance_judge import Contact, Judge
+from bench.avoidance_outcome import Outcome
 from bench.avoidance_run import ARRIVED_M, STILL_RAD, STILL_S, Piece, Progress, run, simulate
 from bench.avoidance_scenes import KINDS, Mover, Scene, World, end_effector
 from bench.avoidance_things import CLEAR_M

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 from bench import avoidance, avoidance_lines, avoidance_table
-from bench.avoidance_judge import Outcome
 from bench.avoidance_lines import Lines, of_value, outcome_digest, scene_digest, to_value
 from bench.avoidance_methods import METHODS
-from bench.avoidance_table import against_peer, notes, stuck_ratio, table
+from bench.avoidance_notes import against_peer, notes, stuck_ratio
+from bench.avoidance_outcome import Outcome
+from bench.avoidance_table import table
 
 
 def outcome(**changes) -> Outcome:
