@@ -49,7 +49,7 @@ class FilterConfig(Section, frozen=True, kw_only=True):
     margin_m: Annotated[
         float,
         described(
-            "distance that a link keeps; nearer, it retreats. It gives way only to a retreat from something else",
+            "distance that a link keeps; nearer, it retreats. Only a retreat from something else goes before",
             "m",
             ge=0.0,
             le=10.0,

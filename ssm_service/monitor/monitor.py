@@ -195,7 +195,7 @@ class Monitor:
             if self._asks_for_pairs(inputs, fresh):
                 located = self._separation is not None
                 pairs = self._distance.pairs(position, self._pairs_within, located=located)
-                exact = self._distance.nearest_of_pairs()
+                exact = self._distance.nearest_of(pairs)
             else:
                 exact = self._distance.nearest(position)
             if reading is not None:

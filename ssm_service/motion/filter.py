@@ -133,6 +133,11 @@ class VelocityFilter:
             softness = np.full(len(bounds), self._damping)
         _check(wanted, gradients, bounds, lower, upper, metric)
         _check_softness(ceilings, softness, len(bounds))
+        start = np.minimum(np.maximum(wanted, lower), upper)
+        if metric is None or start.tolist() == wanted.tolist():
+            closing = gradients @ start
+            if not len(bounds) or bool(((closing <= bounds) & (bounds >= 0.0) & (closing <= ceilings)).all()):
+                return Filtered(velocity=start, active=(), retreating=False, missed=0.0, status="free")
         rows = _Rows(gradients, bounds, ceilings, softness)
         return _Programme(wanted, rows, lower, upper, metric).solve()
 
@@ -190,10 +195,13 @@ def _check_softness(ceilings: Array, softness: Array, count: int) -> None:
         raise InputError(
             "wrong_length", "ceilings", [ceilings.shape, softness.shape], f"{count} numbers each"
         )
-    if count and not (float(ceilings.min()) > -math.inf and 0.0 < float(softness.sum()) < math.inf):
+    if not count:
+        return
+    least = float(softness.min())
+    if math.isnan(float(ceilings.min())) or math.isnan(least):
         found = {"ceilings": ceilings.tolist(), "softness": softness.tolist()}
-        raise InputError("not_finite", "ceilings", found, "numbers, or inf for none; λ > 0")
-    if count and not float(softness.min()) > 0.0:
+        raise InputError("not_finite", "ceilings", found, "numbers")
+    if not least > 0.0:
         raise InputError("out_of_range", "softness", softness.tolist(), "numbers > 0")
 
 

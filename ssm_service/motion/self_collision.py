@@ -21,6 +21,7 @@ SAMPLES: Final = 60
 ALWAYS: Final = 0.95
 """Share of them at which a pair that touches is one of hulls that are too large."""
 
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product
 _FAILED: Final = 1e300  # Coal's word for a distance that it could not tell is 1.8e308
 
 
@@ -45,7 +46,7 @@ class SelfCollision:
         self._model: Any = pin.GeometryModel()
         joints: list[int] = []
         moved: list[NDArray[np.bool_]] = []
-        levers: list[Array] = []
+        found: list[Array] = []
         for part in build_parts(robot):
             for index, piece in enumerate(part.pieces):
                 source = part.source
@@ -55,7 +56,7 @@ class SelfCollision:
                 )
                 joints.append(source.parentJoint)
                 moved.append(moved_by(robot, part.link))
-                levers.append(_levers(robot.model, source, piece))
+                found.append(levers(robot.model, source, piece))
         self._moved = np.array(moved)
         self._pairs: list[tuple[int, int]] = []
         parents = list(robot.model.parents)
@@ -68,10 +69,12 @@ class SelfCollision:
         self._geometry: Any = self._model.createData()
         self._leave_out(np.array([start]) if start is not None else _anywhere(robot), ALWAYS)
         first, second = np.array(self._pairs, dtype=np.intp).reshape(-1, 2).T
-        lever = np.array(levers)
+        lever = np.array(found)
         # Joints that move both do not change how far apart they are.
         apart = self._moved[first] ^ self._moved[second]
+        self._signs = self._moved[second].astype(np.float64) - self._moved[first]
         self._levers = np.where(apart, np.where(self._moved[first], lever[first], lever[second]), 0.0)
+        self._results = list(self._geometry.distanceResults)
         self._at = np.zeros_like(self._levers)
         active = np.array(self._geometry.activeCollisionPairs, dtype=np.bool_)
         self._distance = np.where(active, -math.inf, math.inf)
@@ -154,28 +157,30 @@ class SelfCollision:
         q = self._robot.pinocchio_configuration(position)
         pin.updateGeometryPlacements(self._robot.model, self._data, self._model, self._geometry, q)
         for index in due.tolist():
-            distance = pin.computeDistance(self._model, self._geometry, index).min_distance
+            pin.computeDistance(self._model, self._geometry, index)
+            distance = self._results[index].min_distance
             self._distance[index] = distance if abs(distance) < _FAILED else -math.inf
         self._at[due] = position
         found = due[self._distance[due] < needed[due]]
+        if not len(found):
+            return np.empty(0), np.empty((0, len(position)))
         return self._distance[found], self._gradients(found.tolist(), spatial)
 
     def _gradients(self, pairs: list[int], spatial: Array) -> Array:
         """Return g of some pairs as last measured, (p, n)."""
-        if not pairs:
-            return np.empty((0, spatial.shape[1]))
-        results = [self._geometry.distanceResults[index] for index in pairs]
-        on_one = np.array([result.getNearestPoint1() for result in results])
-        on_other = np.array([result.getNearestPoint2() for result in results])
+        results = [self._results[index] for index in pairs]
+        points = np.array([result.getNearestPoint1() for result in results])
         # Coal's normal points from the first to the second, in penetration as well.
-        normals = -np.array([result.normal for result in results])
-        for row in (~np.isfinite(on_one + on_other + normals).all(axis=1)).nonzero()[0].tolist():
-            on_one[row], on_other[row] = (self._geometry.oMg[i].translation for i in self._pairs[pairs[row]])
-            between = on_one[row] - on_other[row]
-            normals[row] = between / max(float(np.linalg.norm(between)), 1e-9)
-        first, second = np.array([self._pairs[index] for index in pairs], dtype=np.intp).T
-        gradients = closing_gradients(spatial, self._moved[first], on_one, normals)
-        gradients -= closing_gradients(spatial, self._moved[second], on_other, normals)
+        normals = np.array([result.normal for result in results])
+        if not math.isfinite(float(points.sum() + normals.sum())):
+            for row in (~np.isfinite(points + normals).all(axis=1)).nonzero()[0].tolist():
+                points[row], other = (self._geometry.oMg[i].translation for i in self._pairs[pairs[row]])
+                between = other - points[row]
+                normals[row] = between / max(float(np.linalg.norm(between)), 1e-9)
+        # g of the first point less that of the second; both lie on the normal, so either one will do:
+        # n·(v + ω × p) = n·v + ω·(p × n)
+        turned = points[:, _NEXT] * normals[:, _LAST] - points[:, _LAST] * normals[:, _NEXT]
+        gradients: Array = (normals @ spatial[:3] + turned @ spatial[3:]) * -self._signs[pairs]
         return gradients
 
     def _leave_out(self, positions: Array, share: float) -> None:
@@ -196,7 +201,7 @@ def _anywhere(robot: Robot) -> Array:
     return np.random.default_rng(0).uniform(lower, upper, (SAMPLES, len(lower)))
 
 
-def _levers(model: Any, source: Any, piece: Any) -> Array:
+def levers(model: Any, source: Any, piece: Any) -> Array:
     """Return by how much each joint moves a piece's farthest point at most, (n,) [m/rad]; 0 beyond the piece.
 
     The straight way from the joint along the chain to the point is never shorter than the lever.
@@ -204,18 +209,28 @@ def _levers(model: Any, source: Any, piece: Any) -> Array:
     points = np.array(piece.points()) if hasattr(piece, "points") else _corners(piece)
     placed = points @ source.placement.rotation.T + source.placement.translation
     way = float(np.linalg.norm(placed, axis=1).max())
-    levers = np.zeros(model.njoints - 1)
+    found = np.zeros(model.njoints - 1)
     joint = source.parentJoint
     while joint > 0:
         kind = model.joints[joint].shortname()
         straight = "P" in kind.removeprefix("JointModel")
-        levers[joint - 1] = 1.0 if straight else way
+        found[joint - 1] = 1.0 if straight else way
         way += float(np.linalg.norm(model.jointPlacements[joint].translation))
         if straight:
             index = model.joints[joint].idx_q
             way += float(max(abs(model.lowerPositionLimit[index]), abs(model.upperPositionLimit[index])))
         joint = model.parents[joint]
-    return levers
+    return found
+
+
+def link_levers(robot: Robot) -> Array:
+    """Return by how much each joint moves any point of each monitored link at most, (links, n) [m/rad]."""
+    found = np.zeros((len(robot.monitored_links), len(robot.joint_names)))
+    for part in build_parts(robot):
+        for piece in part.pieces:
+            row = found[part.link_index]
+            np.maximum(row, levers(robot.model, part.source, piece), out=row)
+    return found
 
 
 def _corners(piece: Any) -> Array:
