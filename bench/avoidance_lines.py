@@ -2,7 +2,7 @@
 
 A line counts only while what it depends on is the same: its digest is that of the settings, the robot file
 and the code of the benchmark and of the method. Comments, docstrings and layout do not count, nor do packages
-and what lies below the methods: kinematics and distances.
+and what lies below the methods: kinematics, distances and the tests for collision.
 """
 
 from __future__ import annotations
@@ -86,22 +86,23 @@ def scene_digest(seed: int, number: int) -> str:
 
     Changes of the tests for collision do not count: a scene stays a scene, however it was found.
     """
-    return _digest([seed, number, _settings(filtered=False)], (*_DRAWING, *_PLANNING))
+    settings = _settings(())
+    return _digest([seed, number, settings], (*_DRAWING, *_PLANNING))
 
 
 def outcome_digest(scene: dict[str, Any], method: str, horizon_s: float) -> str:
     """Return what an outcome depends on, solve times apart."""
     sources = SOURCES.get(method, ())
-    settings = _settings(filtered=sources[:1] == _FILTER[:1])
+    settings = _settings(None if sources[:1] == _FILTER[:1] else _OF_JUDGE)
     return _digest([scene, method, horizon_s, settings], (*_RUNNING, *sources))
 
 
-def _settings(*, filtered: bool) -> dict[str, Any]:
-    """Return the robot file with all defaults; the filter's own settings only where they matter."""
+def _settings(of_filter: tuple[str, ...] | None) -> dict[str, Any]:
+    """Return the robot file with all defaults, of the filter's settings only some; None: all."""
     values: dict[str, Any] = msgspec.to_builtins(robot().config.file)
-    if not filtered:
+    if of_filter is not None:
         own = values["motion"]["filter"]
-        values["motion"] = values["motion"] | {"filter": {name: own[name] for name in _OF_JUDGE}}
+        values["motion"] = values["motion"] | {"filter": {name: own[name] for name in of_filter}}
     return values
 
 

@@ -6,7 +6,9 @@ import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import msgspec
 import pytest
 
 from bench import avoidance, avoidance_lines, avoidance_table
@@ -128,6 +130,25 @@ def test_digests_change_with_what_counts(monkeypatch):
     after = [outcome_digest(scene, method, 40.0) for method in METHODS]
     other = {method for method, a, b in zip(METHODS, digests, after, strict=False) if a != b}
     assert other == {"filter-only", "filter", "filter+planner"}
+
+
+def test_the_filters_settings_count_only_where_they_matter(monkeypatch):
+    file = avoidance_lines.robot().config.file
+
+    def digests(**changes: float) -> list[str]:
+        own = msgspec.structs.replace(file.motion.filter, **changes)
+        motion = msgspec.structs.replace(file.motion, filter=own)
+        changed = msgspec.structs.replace(file, motion=motion)
+        arm = SimpleNamespace(config=SimpleNamespace(file=changed))
+        monkeypatch.setattr(avoidance_lines, "robot", lambda: arm)
+        outcomes = [outcome_digest({}, method, 40.0) for method in ("filter", "field", "pink")]
+        return [scene_digest(1, 0), *outcomes]
+
+    def which(**changes: float) -> list[bool]:
+        return [a != b for a, b in zip(digests(), digests(**changes), strict=True)]
+
+    assert which(circulation_m_s=0.01) == [False, True, False, False]
+    assert which(margin_m=0.05) == [False, True, True, True]
 
 
 def test_comments_and_docstrings_are_no_code(tmp_path, monkeypatch):
