@@ -282,3 +282,15 @@ def test_a_malformed_answer_ends_its_query():
     assert len(session.asked) == 1
     trip.step(RETRY_NS)
     assert len(session.asked) == 2
+
+
+def test_a_query_is_given_up_by_its_own_age_not_by_the_time_of_day():
+    session = Session(Replies(), Replies())
+    trip = RoundTrip(session, KEY)
+    begin = 10**12
+    for now in (begin, begin + 1, begin + TIMEOUT_NS):
+        trip.step(now)
+    assert not trip.unanswered
+    trip.step(begin + TIMEOUT_NS + 1)
+    assert trip.unanswered
+    assert len(session.asked) == 1

@@ -283,9 +283,11 @@ def test_what_was_heard_goes_with_the_question(session, clock):
 def test_a_pause_as_long_as_a_message_is_valid_is_none_too_long(proved, session):
     session.send(11)
     proved.poll(4 * MS)
+    session.send(12)
     proved.poll(4 * MS + VALID_NS)
     assert len(session.asked) == 2  # it expired, but nothing was dropped unread
-    session.send(12)
+    assert proved.heard == Heard("p", 12)
+    session.send(13)
     assert session.subscribed["ssm/arm/zone"].waiting
     proved.poll(4 * MS + 2 * VALID_NS + 1)
     assert not session.subscribed["ssm/arm/zone"].waiting

@@ -9,7 +9,7 @@ import zenoh
 from ssm_service.client.accept import CAPACITY, Channel, OutputDecoder, check
 from ssm_service.client.pairing import WAITING, Pairing
 from ssm_service.client.roundtrip import Answers
-from ssm_service.client.watchdog import Watchdog
+from ssm_service.client.watchdog import REFUSAL_SHOWN_NS, Watchdog
 from ssm_service.errors import InputError
 from ssm_service.wire import Heard, encoding_of
 from ssm_service.wire import messages as m
@@ -251,3 +251,11 @@ def test_a_stop_without_its_command_holds_no_longer_than_what_was_proved():
     watchdog.take(zone(11, zone="stop", speed_limit=[0.0, 0.0]), 9, 9)
     stop = watchdog.state(9)
     assert (stop.expires_ns, stop.command_message, stop.stopped_by_consumer) == (7 + 20_000_000, None, False)
+
+
+def test_a_refusal_is_the_reason_of_a_stop_for_half_a_second():
+    watchdog = Watchdog("arm")
+    begin = 3_000_000_000
+    watchdog.refuse(InputError("corrupt", "attachment", "a", "b", fault="corruption"), begin)
+    for after, reason in ((0, "invalid"), (REFUSAL_SHOWN_NS - 1, "invalid"), (REFUSAL_SHOWN_NS, "waiting")):
+        assert watchdog.state(begin + after).reasons == (f"{reason}:service",)
