@@ -31,13 +31,16 @@ _RUNNING = (
     "bench/avoidance_sight.py",
     "bench/avoidance_state.py",
     "ssm_service/monitor/command.py",
-    *(f"ssm_service/motion/{name}.py" for name in ("limiting", "fields", "targets", "differential")),
+    *(
+        f"ssm_service/motion/{name}.py"
+        for name in ("limiting", "fields", "targets", "tracking", "differential")
+    ),
 )
 _OURS = ("ssm_service/monitor/methods.py",)
 _FILTER = (
     "bench/avoidance_filter.py",
     *_OURS,
-    "ssm_service/monitor/filtering.py",
+    *(f"ssm_service/monitor/{name}.py" for name in ("filtering", "filter_rows")),
     *(f"ssm_service/motion/{name}.py" for name in ("filter", "barrier", "circulation", "self_collision")),
 )
 _CLIK = (*_OURS, "ssm_service/motion/clik.py", "ssm_service/motion/segments.py")
