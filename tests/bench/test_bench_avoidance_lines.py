@@ -53,7 +53,7 @@ def test_table_counts_what_happened():
     assert (total["possible"], total["arrivals"], total["stuck"], total["late"]) == (4, 1, 1, 1)
     assert (total["contacts"], total["drove"], total["yielding"]) == (1, 1, 0)
     assert (total["retreating"], total["helpless"], total["itself"]) == (1, 1, 1)
-    assert total["arrival_share"] == 0.25
+    assert (total["arrival_share"], total["stuck_share"]) == (0.25, 0.25)
     assert total["arrivals_thought_impossible"] == 1
     assert (total["time_s"], total["path_ratio"], total["least_m"]) == (3.0, 1.5, -0.01)
     assert total["over_share"] == 0.1
