@@ -17,7 +17,10 @@ from .snapshot import Snapshot
 Array = NDArray[np.float64]
 
 BLOCKED_SHARE: Final = 0.3
-"""The way counts as blocked where less than this of the wanted velocity of the end effector is left."""
+"""The way counts as blocked where less than this of the end effector's wanted motion is left."""
+
+MEMORY_S: Final = 0.4
+"""Time constant of what is left of it: a passing hindrance is none."""
 
 ROOM: Final = 1.2
 """The programme looks first at what could matter at so many times the speed that is wanted."""
@@ -41,7 +44,7 @@ class Filtering:
         self._filter = VelocityFilter()
         self._circulation = Circulation(self._config)
         self._goal: bytes | None = None
-        self._blocked, self._normal = False, np.zeros(3)
+        self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
         self._rows = RowMaker(robot)
         self._all_free = len(robot.free) == len(robot.joint_names)
         self.last: Filtered | None = None
@@ -50,7 +53,7 @@ class Filtering:
         """Forget the ticks before."""
         self.last = None
         self._circulation.reset()
-        self._blocked, self._normal = False, np.zeros(3)
+        self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
 
     def around(self, snapshot: Snapshot, linear: Array) -> Array:
         """Return the wanted velocity of the end effector with what leads round what blocked the last tick.
@@ -92,7 +95,8 @@ class Filtering:
         self.last = found
         velocity = np.zeros(len(wanted))
         velocity[free] = found.velocity
-        self._look(snapshot.kinematics.jacobian, wanted[free], found, rows.normals)
+        start = np.minimum(np.maximum(wanted[free], box.lower), box.upper)
+        self._look(snapshot.kinematics.jacobian, start, found, rows.normals)
         return velocity
 
     def _solve(
@@ -148,9 +152,17 @@ class Filtering:
         )
 
     def _look(self, jacobian: Array, wanted: Array, found: Filtered, normals: Array) -> None:
-        """Keep whether the pairs left nearly nothing of the end effector's motion, and which one most."""
+        """Keep whether the pairs left little of the end effector's motion for a while, and which one most.
+
+        Args:
+            jacobian: (3, k) of the end effector.
+            wanted: (k,) as far as the joints may [rad/s]: speeding up is no hindrance.
+            found: What is left.
+            normals: (p, 3) of the rows.
+        """
         asked, left = jacobian @ wanted, jacobian @ found.velocity
         size = float(asked @ asked)
-        stopped = size > 0.0 and float(asked @ left) < BLOCKED_SHARE * size
-        self._blocked = bool(found.active) and stopped
+        share = min(max(float(asked @ left) / size, 0.0), 1.0) if size > 0.0 and found.active else 1.0
+        self._share += (share - self._share) * min(1.0, self._period_s / MEMORY_S)
+        self._blocked = bool(found.active) and self._share < BLOCKED_SHARE
         self._normal = normals[found.active[0]] if found.active else np.zeros(3)

@@ -76,6 +76,28 @@ def test_rows_that_are_left_out_change_nothing(arm, monkeypatch, seed):
     assert told.retreating == of_every.retreating
 
 
+@pytest.mark.parametrize("seed", [10, 12, 19, 28])
+def test_a_solution_faster_than_was_wanted_is_looked_at_again(arm, monkeypatch, seed):
+    """What stands lets some joints give way at more than the wanted speed."""
+    case = Case(arm, seed, fastest=0.0, farthest=0.2)
+    case.wanted *= 0.1
+    case.previous = case.wanted * 10.0
+    made, speeds = RowMaker.rows, []
+
+    def counted(self, snapshot, greatest, distances):
+        speeds.append(float(greatest.max()))
+        return made(self, snapshot, greatest, distances)
+
+    monkeypatch.setattr(RowMaker, "rows", counted)
+    twice, told = case.step()
+    assert len(speeds) == 2
+    assert speeds[0] < np.abs(twice).max() <= speeds[1]
+    assert not told.retreating
+    monkeypatch.setattr(filtering, "ROOM", 1e9)
+    np.testing.assert_allclose(twice, case.step()[0], atol=1e-6)
+    assert len(speeds) == 3
+
+
 def _every(self, snapshot, pairs, speeds, distances):
     """Give a row to each pair, in another order, measured as the others are."""
     rows = np.arange(len(pairs))[::-1]
