@@ -48,8 +48,8 @@ def rooms(listed: dict[str, Any], root: Path = ROOT) -> dict[str, Room]:
         folder = root / "ssm_service" / name
         modules = sorted(path.relative_to(root).as_posix() for path in folder.glob("*.py"))
         kept = tuple(module for module in modules if module not in left_out)
-        without = tuple(room.get("without", ()))
-        made[name] = Room(name=name, modules=kept, tests=tuple(room["tests"]), without=without)
+        lists = {key: tuple(room.get(key, ())) for key in ("tests", "without", "warm")}
+        made[name] = Room(name=name, modules=kept, **lists)
     return made
 
 

@@ -39,12 +39,15 @@ class Room:
         tests: Files or folders of tests.
         without: Beginnings of names of tests among them that take too long to be run for every mutant. To
             leave out a test can only make more mutants survive.
+        warm: Beginnings of names of tests that load what many others load as well. They run once before the
+            first mutant, and must start no threads.
     """
 
     name: str
     modules: tuple[str, ...]
     tests: tuple[str, ...]
     without: tuple[str, ...] = ()
+    warm: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,10 +108,10 @@ def run_room(
         room: The room.
         jobs: Tests that run at once.
         files: Only the mutants of these of its files are tested; empty for all.
-        keep: A folder that keeps the copy and what is known of each mutant. What was noticed there is not
-            tested again before its file, or the file of the test that noticed, changes; what survived, not
-            before any file of the room's tests does. So an interrupted run goes on, and after a new test
-            only what survived is tested.
+        keep: A folder that keeps the copy, for one run at a time, and what is known of each mutant. What was
+            noticed is not tested again before its file, or the file of the test that noticed, changes; what
+            survived, not before any file of the room's tests does. So an interrupted run goes on, and after
+            a new test only what survived is tested.
         count: Make the mutants, and test none.
 
     Raises:
@@ -116,7 +119,7 @@ def run_room(
     """
     files = files or room.modules
     with _folder(room, keep) as folder:
-        kept = _Kept(Path(folder) / room.name, root, room)
+        kept = _Kept(Path(folder), root, room)
         if kept.run(jobs, files, count=count) != 0:
             raise MutationError(kept.log.read_text(encoding="utf-8")[-4000:])
         shown = json.loads(kept.shown_file.read_text(encoding="utf-8"))
@@ -147,11 +150,12 @@ def _folder(room: Room, keep: Path | None) -> AbstractContextManager[Path | str]
 
 
 class _Kept:
-    """The folder of a room: the copy of the tree, and what is known of tests and mutants, one on a line."""
+    """A folder: the copy of the tree, and what is known of a room's tests and mutants, one on a line."""
 
     def __init__(self, folder: Path, root: Path, room: Room) -> None:
         self.room = room
         self.tree = folder / "tree"
+        folder /= room.name
         self.shown_file = folder / "shown.json"
         self.tests_file = folder / "tests.jsonl"
         self.log = folder / "log"
@@ -179,6 +183,7 @@ class _Kept:
             "files": files,
             "tests": self.room.tests,
             "without": self.room.without,
+            "warm": self.room.warm,
             "jobs": jobs,
             "count": count,
             "done": sorted(self.known()),
@@ -189,7 +194,7 @@ class _Kept:
             "tests_file": str(self.tests_file.resolve()),
             "mutants_file": str(self.mutants_file.resolve()),
         }
-        path = self.tree.parent / "plan.json"
+        path = self.log.with_name("plan.json")
         path.write_text(json.dumps(plan), encoding="utf-8")
         environment = os.environ | {"PYTHONPATH": str(self.tree.resolve())}
         command = [sys.executable, "-P", str(_WORKER), str(path.resolve())]

@@ -123,6 +123,7 @@ class Tester:
             module: {name: self._reaching(session, mangled_name_from_mutant_name(name)) for name in names}
             for module, names in self.names.items()
         }
+        self._warm(session)
         self._control([item for of in chosen.values() for items in of.values() for item in items])
         gc.freeze()  # what is here by now is never freed: forks need not copy it to look through it
         for module, of in chosen.items():
@@ -149,6 +150,19 @@ class Tester:
                 out.write(json.dumps(line) + "\n")
                 out.flush()
             os._exit(0)
+
+    def _warm(self, session: pytest.Session) -> None:
+        """Run some tests here, so that forks find what they load and compile, and their session's fixtures.
+
+        Such a fixture is then made without the mutant, so that a mutant may only be noticed less.
+        """
+        names = tuple(self.plan["warm"])
+        chosen = [item for item in session.items if names and item.nodeid.startswith(names)]
+        others = [item for item in session.items if item not in chosen]
+        for item, following in _pairs(chosen):
+            _fails(item, following or others[0])
+        session.testsfailed = 0
+        print(f"{len(chosen)} tests run beforehand; {len(os.listdir('/proc/self/task'))} threads", flush=True)
 
     def _module(self, module: str, chosen: dict[str, list[pytest.Item]]) -> None:
         worst = sum(self.seen[item.nodeid]["cpu"] for items in chosen.values() for item in items)
@@ -293,10 +307,10 @@ def main() -> int:
     """Follow a plan, a JSON object.
 
     What is read: ``modules`` and ``tests`` (from the root of the tree); ``without`` (beginnings of names of
-    tests that are not run); ``files`` (the modules whose mutants are tested), ``done`` (names of mutants that
-    need no test any more), ``count`` (no mutant is tested); ``seen`` (what is known of tests, by name);
-    ``jobs``; ``stamps`` and ``test_stamps`` (written along with what is found). What is written:
-    ``shown_file``, ``tests_file``, ``mutants_file``.
+    tests that are not run), ``warm`` (of those that are run once before all forks); ``files`` (the modules
+    whose mutants are tested), ``done`` (names of mutants that need no test any more), ``count`` (no mutant is
+    tested); ``seen`` (what is known of tests, by name); ``jobs``; ``stamps`` and ``test_stamps`` (written
+    along with what is found). What is written: ``shown_file``, ``tests_file``, ``mutants_file``.
     """
     plan = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     set_mutant_under_test("")
@@ -309,7 +323,8 @@ def main() -> int:
     if not any(names.values()):
         return 0
     os.environ["PYTEST_TIMEOUT"] = "0"
-    options = ["--rootdir=.", "--tb=short", "-q", "-s", "-p", "no:cacheprovider"]
+    # What a failure looks like is never seen, and takes longer than most tests.
+    options = ["--rootdir=.", "--tb=native", "--assert=plain", "-q", "-s", "-p", "no:cacheprovider"]
     tester = Tester(plan, names)
     options += [f"--deselect={name}" for name in plan["without"]]
     return int(pytest.main([*options, *plan["tests"]], plugins=[tester]))
