@@ -113,7 +113,7 @@ class VelocityFilter:
         """Return the admissible velocity nearest to the wanted one.
 
         Only the size of a row's violation counts, so neither the order of the pairs nor a pair given twice
-        makes a difference beyond rounding (but for a doubled retreat, which weighs double).
+        makes a difference beyond rounding (but for a doubled row with slack, which weighs double).
 
         Args:
             wanted: (k,) [rad/s].
@@ -139,7 +139,7 @@ class VelocityFilter:
             if not len(bounds) or bool(((closing <= bounds) & (bounds >= 0.0) & (closing <= ceilings)).all()):
                 return Filtered(velocity=start, active=(), retreating=False, missed=0.0, status="free")
         rows = _Rows(gradients, bounds, ceilings, softness)
-        return _Programme(wanted, rows, lower, upper, metric).solve()
+        return _Programme(wanted, rows, lower, upper, metric).solve(start)
 
 
 def task_metric(jacobian: Array, freedom: float = 0.05) -> Array:
@@ -198,9 +198,9 @@ def _check_softness(ceilings: Array, softness: Array, count: int) -> None:
     if not count:
         return
     least = float(softness.min())
-    if math.isnan(float(ceilings.min())) or math.isnan(least):
+    if not (float(ceilings.min()) > -math.inf and least > -math.inf):
         found = {"ceilings": ceilings.tolist(), "softness": softness.tolist()}
-        raise InputError("not_finite", "ceilings", found, "numbers")
+        raise InputError("not_finite", "ceilings", found, "numbers; inf for no ceiling")
     if not least > 0.0:
         raise InputError("out_of_range", "softness", softness.tolist(), "numbers > 0")
 
@@ -241,9 +241,12 @@ class _Programme:
         self._soft_rows, self._soft_bounds = rows.gradients[self._soft], rows.bounds[self._soft]
         self._asked = self._soft[(self._soft_bounds < 0.0) & (opening[self._soft] < -TOLERANCE_M_S)]
 
-    def solve(self) -> Filtered:
-        """Return the solution, or what can be had without the solver."""
-        start = np.minimum(np.maximum(self._wanted, self._lower), self._upper)
+    def solve(self, start: Array) -> Filtered:
+        """Return the solution, or what can be had without the solver.
+
+        Args:
+            start: (k,) what the box leaves of the wanted velocity.
+        """
         if not len(self._asked):
             nearest = self._metric is None or start.tolist() == self._wanted.tolist()
             if nearest and self._admits(start):
