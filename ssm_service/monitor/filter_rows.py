@@ -64,9 +64,16 @@ class RowMaker:
         self._moved = {link: moved_by(robot, link) for link in links}
         self._moved_rows = np.array([self._moved[link] for link in robot.monitored_links])
         self._levers = link_levers(robot)
-        self._itself = SelfCollision(robot)
+        self._robot = robot
+        self._itself: SelfCollision | None = None
         self._obstacles: Sequence[Obstacle] = ()
         self._velocities, self._speeds = np.empty((0, 3)), np.empty(0)
+
+    def prepare(self) -> SelfCollision:
+        """Do now what the first rows would have to wait for."""
+        if self._itself is None:
+            self._itself = SelfCollision(self._robot)
+        return self._itself
 
     def rows(self, snapshot: Snapshot, speeds: Array, distances: DistanceModel) -> Rows:
         """Return every row that can bind.
@@ -143,7 +150,7 @@ class RowMaker:
         """
         margin, gain = self._config.self_margin_m, self._config.contact_gain
         spatial = snapshot.kinematics.spatial_jacobian
-        distance, gradients = self._itself.rows(snapshot.joints.position, spatial, speeds, margin, gain)
+        distance, gradients = self.prepare().rows(snapshot.joints.position, spatial, speeds, margin, gain)
         count = len(distance)
         if not count:
             return _none(len(speeds))

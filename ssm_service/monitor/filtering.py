@@ -49,6 +49,10 @@ class Filtering:
         self._all_free = len(robot.free) == len(robot.joint_names)
         self.last: Filtered | None = None
 
+    def prepare(self) -> None:
+        """Do now what the first tick would have to wait for."""
+        self._rows.prepare()
+
     def reset(self) -> None:
         """Forget the ticks before."""
         self.last = None

@@ -108,6 +108,7 @@ class Monitor:
         self._evaluator: Evaluator | None = None
         self._plausibility = Plausibility.of(robot, period_s, self.valid_for_s)
         self._commander = Commander(robot, period_s)
+        self._commander.prepare()
         self._tick = 0
 
     def step(self, inputs: Inputs) -> Decision:

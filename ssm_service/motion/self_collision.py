@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from functools import lru_cache
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +22,8 @@ SAMPLES: Final = 60
 
 ALWAYS: Final = 0.95
 """Share of them at which a pair that touches is one of hulls that are too large."""
+
+_left_out: WeakKeyDictionary[Robot, list[int]] = WeakKeyDictionary()  # of each robot without a start
 
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product
 _FAILED: Final = 1e300  # Coal's word for a distance that it could not tell is 1.8e308
@@ -67,7 +71,13 @@ class SelfCollision:
                 self._pairs.append((a, b))
         self._data: Any = robot.model.createData()
         self._geometry: Any = self._model.createData()
-        self._leave_out(np.array([start]) if start is not None else _anywhere(robot), ALWAYS)
+        left_out = _left_out.get(robot) if start is None else None
+        if left_out is None:
+            left_out = self._touching(np.array([start]) if start is not None else _anywhere(robot), ALWAYS)
+        if start is None:
+            _left_out[robot] = left_out
+        for index in left_out:
+            self._geometry.deactivateCollisionPair(index)
         first, second = np.array(self._pairs, dtype=np.intp).reshape(-1, 2).T
         lever = np.array(found)
         # Joints that move both do not change how far apart they are.
@@ -183,15 +193,15 @@ class SelfCollision:
         gradients: Array = (normals @ spatial[:3] + turned @ spatial[3:]) * -self._signs[pairs]
         return gradients
 
-    def _leave_out(self, positions: Array, share: float) -> None:
-        """Leave out the pairs that touch at this share of the joint positions, (s, n)."""
+    def _touching(self, positions: Array, share: float) -> list[int]:
+        """Return the pairs that touch at this share of the joint positions, (s, n)."""
         touching = np.zeros(len(self._pairs))
         for position in positions:
             q = self._robot.pinocchio_configuration(position)
             pin.computeCollisions(self._robot.model, self._data, self._model, self._geometry, q, False)
             touching += [result.isCollision() for result in self._geometry.collisionResults]
-        for index in (touching >= share * len(positions)).nonzero()[0].tolist():
-            self._geometry.deactivateCollisionPair(index)
+        found: list[int] = (touching >= share * len(positions)).nonzero()[0].tolist()
+        return found
 
 
 def _anywhere(robot: Robot) -> Array:
@@ -223,13 +233,15 @@ def levers(model: Any, source: Any, piece: Any) -> Array:
     return found
 
 
+@lru_cache(maxsize=8)
 def link_levers(robot: Robot) -> Array:
-    """Return by how much each joint moves any point of each monitored link at most, (links, n) [m/rad]."""
+    """Return by how much each joint moves any point of each monitored link at most, (links, n), read-only."""
     found = np.zeros((len(robot.monitored_links), len(robot.joint_names)))
     for part in build_parts(robot):
         for piece in part.pieces:
             row = found[part.link_index]
             np.maximum(row, levers(robot.model, part.source, piece), out=row)
+    found.flags.writeable = False
     return found
 
 
