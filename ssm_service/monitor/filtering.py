@@ -46,6 +46,7 @@ class Filtering:
         self._goal: bytes | None = None
         self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
         self._rows = RowMaker(robot)
+        self._faster = False
         self._all_free = len(robot.free) == len(robot.joint_names)
         self.last: Filtered | None = None
 
@@ -55,7 +56,7 @@ class Filtering:
 
     def reset(self) -> None:
         """Forget the ticks before."""
-        self.last = None
+        self.last, self._faster = None, False
         self._circulation.reset()
         self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
 
@@ -109,20 +110,23 @@ class Filtering:
         """Return the solution of the programme with all rows, and those that it needed.
 
         Rows that cannot bind at the speeds of a solution do not change it. So it is looked first at those
-        that can at little more than the wanted speed, and at the others only where the solution is faster.
+        that can at little more than the wanted speed, and at the others only where the solution is faster, or
+        the last one was.
         """
         fastest = np.maximum(-box.lower, box.upper)
         start = np.minimum(np.maximum(wanted, box.lower), box.upper)
-        speeds = np.minimum(fastest, ROOM * float(np.abs(start).max()))
-        rows = self._rows.rows(snapshot, self._whole(speeds), distances)
-        few = bool((speeds < fastest).any())
-        # A retreat takes what speed there is.
-        if not (few and len(rows.bounds) and float(rows.bounds.min()) < 0.0):
-            found = self._solved(wanted, rows, box, metric)
-            if not few or bool((np.abs(found.velocity) <= speeds).all()):
-                return found, rows
+        slow = np.minimum(fastest, ROOM * float(np.abs(start).max()))
+        if not self._faster:
+            rows = self._rows.rows(snapshot, self._whole(slow), distances)
+            # A retreat takes what speed there is.
+            if not (len(rows.bounds) and float(rows.bounds.min()) < 0.0):
+                found = self._solved(wanted, rows, box, metric)
+                if bool((np.abs(found.velocity) <= slow).all()):
+                    return found, rows
         rows = self._rows.rows(snapshot, self._whole(fastest), distances)
-        return self._solved(wanted, rows, box, metric), rows
+        found = self._solved(wanted, rows, box, metric)
+        self._faster = bool((np.abs(found.velocity) > slow).any())
+        return found, rows
 
     def _solved(self, wanted: Array, rows: Rows, box: Box, metric: Array | None) -> Filtered:
         gradients = rows.gradients if self._all_free else rows.gradients[:, self._robot.free]
