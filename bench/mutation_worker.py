@@ -278,7 +278,7 @@ def _fixtures(item: pytest.Item) -> Iterator[tuple[str, str]]:
 
 
 def _pairs(items: Sequence[pytest.Item]) -> Iterator[tuple[pytest.Item, pytest.Item | None]]:
-    return zip(items, [*items[1:], None], strict=True)
+    return zip(items, [*items[1:], None], strict=False)
 
 
 def _fails(item: pytest.Item, following: pytest.Item | None) -> bool:
