@@ -6,7 +6,9 @@ the same way to the goal and the same limits as ours: a ``FrameTask`` a tick ahe
 filter, velocity limits of the zone and position limits. Costs are those of its own examples. Its limit of
 acceleration is left to the limits that follow every method: within the programme it also limits slowing
 down, and with an obstacle that comes there often is no solution then. Its barrier knows no obstacle
-velocities and no retreat that cannot be met: where the programme has no solution, the arm stands.
+velocities and no retreat that cannot be met: where the programme has no solution, the arm stands. A greater
+gain of the barrier than our filter's did not help it: tried by hand in seven scenes with 10, 20 and 50 1/s,
+it touched the same six obstacles that came.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from ssm_service.model.hulls import build_parts
 from ssm_service.motion import linear_approach
 
 if TYPE_CHECKING:
-    from .avoidance_methods import State
+    from .avoidance_state import State
 
 Array = NDArray[np.float64]
 
@@ -98,23 +100,28 @@ class Pink:
             safe_displacement_gain=SAFE_DISPLACEMENT_GAIN,
             d_min=self._config.filter.margin_m,
         )
+        found = self._solved(configuration, [barrier] if pairs else [], state.dt)
+        return found if found is not None and np.isfinite(found).all() else np.zeros(self._model.nv)
+
+    def _solved(self, configuration: Any, barriers: list[Any], dt: float) -> Array | None:
+        """Return what pink finds; None where it finds nothing."""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 found: Array = self._pink.solve_ik(
                     configuration,
                     [self._task, self._posture],
-                    state.dt,
+                    dt,
                     solver=SOLVER,
                     damping=1e-6,
                     limits=[self._position, self._limits.VelocityLimit(self._model)],
-                    barriers=[barrier] if pairs else [],
+                    barriers=barriers,
                     safety_break=False,
                 )
         except self._pink.exceptions.NoSolutionFound:
             self.failed += 1
-            return np.zeros(self._model.nv)
-        return found if np.isfinite(found).all() else np.zeros(self._model.nv)
+            return None
+        return found
 
     def _place(self, obstacles: tuple[Obstacle, ...]) -> None:
         """Bring the obstacles to their places; build the geometry anew where others are there."""

@@ -17,19 +17,21 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ssm_service.model import DistanceModel, Obstacle, Robot, closing_gradients, moved_by
-from ssm_service.monitor import Inputs, Monitor, Received, checked_target, joint_sample
+from ssm_service.model import DistanceModel, Obstacle, Robot
+from ssm_service.monitor import Inputs, JointSample, Monitor, Received, Target, checked_target, joint_sample
+from ssm_service.monitor.filter_rows import RowMaker
+from ssm_service.monitor.snapshot import Snapshot
 from ssm_service.motion import (
     Box,
     Filtered,
     VelocityFilter,
-    approach_speeds,
-    barrier_bounds,
     linear_approach,
     linear_to_joints,
+    softness,
     task_metric,
     velocity_box,
 )
+from ssm_service.motion.filter import DAMPING_M_RAD
 
 from .common import PERCENTILES, Report, Row, figure, parser, percentiles, progress
 from .filter_solvers import SOLVERS, Programme
@@ -48,8 +50,8 @@ WARM_UP = 3
 
 TICKS = {"field": "`Monitor.step`, `field`", "filter": "`Monitor.step`, `filter`"}
 PARTS = {
-    "pairs": "all pairs by their hulls, one call",
-    "rows": "gradients and bounds of all pairs",
+    "pairs": "all pairs by their hulls and the nearest exactly",
+    "rows": "rows of the pairs that can matter, also of link and link",
     "box": "box of the joints",
     "programme": "programme",
     "free": "of these, nothing in the way",
@@ -61,8 +63,8 @@ lie within {FARTHEST_M} m of it and fly straight at up to {SPEED_M_S} m/s; it ob
 new message of obstacles every {MESSAGE_TICKS} ticks. Both controllers take turns, run by run, in the same \
 scenes; each moves its own arm. The first {WARM_UP} ticks of a run are not counted.
 `field` measures the nearest pair only, `filter` all pairs; 'added' is the difference of the medians.
-The parts are those of another arm, driven by them alone without zones; their sum leaves out what the \
-monitor does besides, such as measuring the nearest pairs to the triangles.
+The parts are those of another arm, driven by them alone without zones and at the speeds of its limits, so \
+that more rows can matter; their sum leaves out what the monitor does besides.
 'rows': how many pairs went into the programme, on average over the ticks in which it was solved.
 The solvers get the same programmes, all rows, without retreats and without the check of the result; \
 'unsolved' are those that it calls unsolvable (each has a solution), and 'difference' is the greatest from \
@@ -171,7 +173,7 @@ class Parts:
     programmes: list[Programme] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._moved = np.array([moved_by(self.robot, link) for link in self.robot.monitored_links])
+        self._rows = RowMaker(self.robot)
         self._distances = DistanceModel(self.robot)
         self._filter = VelocityFilter()
 
@@ -195,15 +197,19 @@ class Parts:
         jacobian = kinematics.jacobian
         linear = linear_approach(kinematics.transform_end_effector_to_base[:3, 3], world.scene.target, config)
         wanted = linear_to_joints(jacobian, free, linear, config, len(position))[free]
-        speeds = np.array([o.velocity for o in world.obstacles])
+        snapshot = Snapshot(
+            kinematics=kinematics,
+            joints=JointSample(position=position, velocity=command),
+            target=Target(kind="position", value=world.scene.target),
+            nearest=None,
+            obstacles=world.obstacles,
+        )
         stamps = [time.perf_counter_ns()]
-        pairs = self._distances.pairs(position)
+        pairs = self._distances.pairs(position, config.filter.influence_distance_m, located=False)
+        self._distances.nearest_of(pairs)
         stamps.append(time.perf_counter_ns())
-        gradients = closing_gradients(
-            kinematics.spatial_jacobian, self._moved[pairs.link], pairs.point_on_link, pairs.normal
-        )[:, free]
-        approach = approach_speeds(pairs.normal, speeds[pairs.obstacle])
-        bounds = barrier_bounds(pairs.distance, approach, config.filter)
+        snapshot = msgspec.structs.replace(snapshot, pairs=pairs)
+        rows = self._rows.rows(snapshot, robot.velocity_limit, self._distances)
         stamps.append(time.perf_counter_ns())
         box = velocity_box(
             position[free],
@@ -216,9 +222,12 @@ class Parts:
             PERIOD_S,
         )
         stamps.append(time.perf_counter_ns())
-        found = self._filter.solve(wanted, gradients, bounds, box, task_metric(jacobian))
+        gradients, slack = rows.gradients[:, free], softness(rows.bounds, rows.approach, DAMPING_M_RAD)
+        metric = task_metric(jacobian)
+        found = self._filter.solve(wanted, gradients, rows.bounds, box, metric, rows.ceilings, slack)
         stamps.append(time.perf_counter_ns())
-        return found, stamps, Programme(wanted=wanted, gradients=gradients, bounds=bounds, box=Box(*box))
+        programme = Programme(wanted=wanted, gradients=gradients, bounds=rows.bounds, box=Box(*box))
+        return found, stamps, programme
 
     def _count(self, found: Filtered, stamps: Sequence[int], programme: Programme) -> None:
         taken = [after - before for before, after in pairwise(stamps)]

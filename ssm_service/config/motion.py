@@ -47,12 +47,43 @@ class FilterConfig(Section, frozen=True, kw_only=True):
     """The quadratic programme: nearest to the wanted motion, within what every pair admits."""
 
     margin_m: Annotated[
-        float, described("distance that no link may come below; nearer, it retreats", "m", ge=0.0, le=10.0)
+        float,
+        described(
+            "distance that a link keeps; nearer, it retreats. Only a retreat from something else goes before",
+            "m",
+            ge=0.0,
+            le=10.0,
+        ),
     ] = 0.03
     approach_gain: Annotated[
         float,
         described("a link may close in at this times its way to the margin", "1/s", gt=0.0, le=100.0),
     ] = 3.0
+    contact_m: Annotated[
+        float,
+        described(
+            "distance below which no link comes by its own motion, whatever for; at most `margin_m`",
+            "m",
+            ge=0.0,
+            le=10.0,
+        ),
+    ] = 0.003
+    contact_gain: Annotated[
+        float,
+        described(
+            "within the margin, a link may close in at this times its way to `contact_m`; at least "
+            "`approach_gain`",
+            "1/s",
+            gt=0.0,
+            le=100.0,
+        ),
+    ] = 10.0
+    self_margin_m: Annotated[
+        float,
+        described(
+            "distance that links keep from each other, those aside that a joint joins", "m", ge=0.0, le=1.0
+        ),
+    ] = 0.01
     influence_distance_m: Annotated[
         float, described("pairs farther apart than this do not enter the programme", "m", gt=0.0, le=10.0)
     ] = 0.6
@@ -63,6 +94,12 @@ class FilterConfig(Section, frozen=True, kw_only=True):
         float,
         described("speed of going round what blocks the way; 0 never goes round", "m/s", ge=0.0, le=10.0),
     ] = 0.1
+
+    def __post_init__(self) -> None:
+        if not self.contact_m <= self.margin_m:
+            raise ValueError("`contact_m` must not be above `margin_m`")
+        if not self.approach_gain <= self.contact_gain:
+            raise ValueError("`approach_gain` must not be above `contact_gain`")
 
 
 class MotionConfig(Section, frozen=True, kw_only=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from .pairs import Pairs
 from .robot import Robot
 from .scene import Scene
 from .shapes import Obstacle
-from .witness import Witness
+from .witness import Vector, Witness
 
 _SLACK_M: Final = 5e-6  # GJK's hull distances exceed the mesh's by up to 1.7 µm
 
@@ -66,6 +67,8 @@ class DistanceModel:
         self._parts = build_parts(robot)
         self._part_of_piece = [part for part in self._parts for _ in part.pieces]
         self._parts_of_link = [[p for p in self._parts if p.link == link] for link in robot.monitored_links]
+        self._first_of_link = [parts[0].first for parts in self._parts_of_link]
+        self._in_pieces = [parts[-1].last > parts[0].first + 1 for parts in self._parts_of_link]
         self._scene = Scene(robot, self._parts)
         self._exact = ExactTier(self._scene)
         self._witness = Witness(self._scene)
@@ -122,7 +125,26 @@ class DistanceModel:
         found = self._least(_Search(self._scene, np.where(others, math.inf, self._bounds)))
         return found.distance if found else None
 
-    def _least(self, search: _Search) -> Measured | None:
+    def nearest_of(self, pairs: Pairs) -> ClosestPair | None:
+        """Return the nearest pair of all, exactly, from what ``pairs`` measured; there it is refined by this.
+
+        Args:
+            pairs: What ``pairs`` returned last.
+        """
+        if not self._ids:
+            return None
+        self._bounds = self._hulls
+        found = self._least(_Known(self._hulls))
+        if found is None:
+            return None
+        rows = ((pairs.link == found.part.link_index) & (pairs.obstacle == found.obstacle)).nonzero()[0]
+        nearest = self._closest_pair(found)
+        for row in rows.tolist():
+            vectors = nearest.point_on_link, nearest.point_on_obstacle, nearest.normal
+            _write(pairs, row, found.distance, vectors)
+        return nearest
+
+    def _least(self, search: _Search | _Known) -> Measured | None:
         first = search.nearest_hull()
         best = self._measure(first, search, math.inf)
         limit = best.distance if best else math.inf
@@ -151,12 +173,34 @@ class DistanceModel:
             InputError: ``wrong_length`` or ``not_finite``.
         """
         q = self._robot.pinocchio_configuration(position)
-        bounds = np.empty((len(self._parts_of_link), len(self._ids)))
-        if self._ids:
-            pieces = np.array(self._scene.compute(q)).reshape(len(self._ids), self._scene.piece_count)
-            for row, parts in zip(bounds, self._parts_of_link, strict=True):
-                row[:] = pieces[:, parts[0].first : parts[-1].last].min(axis=1) - _SLACK_M
+        if not self._ids:
+            return np.empty((len(self._parts_of_link), 0))
+        pieces = np.array(self._scene.compute(q)).reshape(len(self._ids), self._scene.piece_count)
+        bounds: NDArray[np.float64] = np.minimum.reduceat(pieces, self._first_of_link, axis=1).T - _SLACK_M
         return bounds
+
+    def keeps(self, position: ArrayLike, clearance: float) -> bool:
+        """Return whether every bound of ``bounds`` is at least ``clearance`` [m].
+
+        Only hull pieces whose ball is nearer than that are measured, until one is too near.
+
+        Args:
+            position: (n,) [rad or m].
+            clearance: [m].
+
+        Raises:
+            InputError: ``wrong_length`` or ``not_finite``.
+        """
+        q = self._robot.pinocchio_configuration(position)
+        if not self._ids:
+            return True
+        balls = self._scene.place(q).ravel() - _SLACK_M
+        # not above or at it, so that what is no number is looked at
+        near = (~(balls - _SLACK_M >= clearance)).nonzero()[0]
+        for index in near[np.argsort(balls[near])].tolist():
+            if not self._scene.measure(*divmod(index, self._scene.piece_count)) - _SLACK_M >= clearance:
+                return False
+        return True
 
     def all_pairs(self, position: ArrayLike) -> list[ClosestPair]:
         """Return the exact distance of every monitored link (outer) to every obstacle (inner).
@@ -178,11 +222,14 @@ class DistanceModel:
                 pairs.append(self._closest_pair(nearest))
         return pairs
 
-    def pairs(self, position: ArrayLike) -> Pairs:
+    def pairs(self, position: ArrayLike, within: float = math.inf, *, located: bool = True) -> Pairs:
         """Return every monitored link with every obstacle by the hull pieces, in one call of Pinocchio.
 
         Args:
             position: (n,) [rad or m].
+            within: Pairs that are not nearer than this are left out [m].
+            located: Whether points and normals are wanted of all pairs. They cost most; without, ``locate``
+                gives those of some.
 
         Raises:
             InputError: ``wrong_length`` or ``not_finite``.
@@ -191,27 +238,56 @@ class DistanceModel:
         obstacles, count = len(self._ids), self._scene.piece_count
         pieces = np.array(self._scene.compute(q) if obstacles else []).reshape(obstacles, count)
         self._hulls = pieces
-        nearest = np.array(
-            [
-                parts[0].first + pieces[:, parts[0].first : parts[-1].last].argmin(axis=1)
-                for parts in self._parts_of_link
-            ],
-            dtype=np.intp,
-        )  # (links, obstacles)
-        link, obstacle = (index.ravel() for index in np.indices(nearest.shape))
-        piece = nearest.ravel()
-        on_link, on_obstacle, normal = self._witness.of_hulls(piece.tolist(), obstacle.tolist())
-        return Pairs(
+        if obstacles:
+            distance = (np.minimum.reduceat(pieces, self._first_of_link, axis=1).T - _SLACK_M).ravel()
+        else:
+            distance = np.empty(0)
+        link, obstacle = _indices(len(self._parts_of_link), obstacles)
+        if within < math.inf:
+            near = (distance < within).nonzero()[0]
+            link, obstacle, distance = link[near], obstacle[near], distance[near]
+        nowhere = np.full((3, len(distance), 3), math.nan)
+        found = Pairs(
             links=self._robot.monitored_links,
             obstacles=self._ids,
             link=link,
             obstacle=obstacle,
-            distance=pieces[obstacle, piece] - _SLACK_M,
-            exact=np.zeros(len(piece), dtype=np.bool_),
-            point_on_link=on_link,
-            point_on_obstacle=on_obstacle,
-            normal=normal,
+            distance=distance,
+            exact=np.zeros(len(distance), dtype=np.bool_),
+            point_on_link=nowhere[0],
+            point_on_obstacle=nowhere[1],
+            normal=nowhere[2],
+            located=np.zeros(len(distance), dtype=np.bool_),
         )
+        if located:
+            self.locate(found, np.arange(len(distance)))
+            found.located = None
+        return found
+
+    def locate(self, pairs: Pairs, rows: NDArray[np.intp]) -> None:
+        """Give some pairs their points and normals.
+
+        Args:
+            pairs: What ``pairs`` returned last; they are rewritten in place.
+            rows: (k,) which of them; those that have them already keep them.
+        """
+        if pairs.located is None:
+            return
+        rows = rows[~pairs.located[rows]]
+        if not len(rows):
+            return
+        links, obstacles, first = (
+            pairs.link[rows].tolist(),
+            pairs.obstacle[rows].tolist(),
+            self._first_of_link,
+        )
+        pieces = [
+            self._nearest_piece(link, obstacle) if self._in_pieces[link] else first[link]
+            for link, obstacle in zip(links, obstacles, strict=True)
+        ]
+        found = self._witness.of_hulls(pieces, obstacles)
+        pairs.point_on_link[rows], pairs.point_on_obstacle[rows], pairs.normal[rows] = found
+        pairs.located[rows] = True
 
     def refine(self, pairs: Pairs, rows: Sequence[int]) -> None:
         """Measure some pairs to the links' triangles.
@@ -223,10 +299,12 @@ class DistanceModel:
         for row in rows:
             link, obstacle = int(pairs.link[row]), int(pairs.obstacle[row])
             measured = self._exact_pair(link, obstacle, self._hulls[obstacle].tolist())
-            link_point, obstacle_point, normal = self._witness.of(measured)
-            pairs.distance[row], pairs.exact[row] = measured.distance, True
-            pairs.point_on_link[row], pairs.point_on_obstacle[row] = link_point, obstacle_point
-            pairs.normal[row] = normal
+            _write(pairs, row, measured.distance, self._witness.of(measured))
+
+    def _nearest_piece(self, link: int, obstacle: int) -> int:
+        """Return the hull piece of a link that is nearest to an obstacle, as ``pairs`` measured last."""
+        first, last = self._first_of_link[link], self._parts_of_link[link][-1].last
+        return first + int(self._hulls[obstacle, first:last].argmin())
 
     def _exact_pair(self, link: int, obstacle: int, hulls: list[float]) -> Measured:
         """Measure a link against an obstacle, given the distances of all hull pieces to it [m]."""
@@ -251,7 +329,7 @@ class DistanceModel:
         obstacle, piece = divmod(index, self._scene.piece_count)
         return self._part_of_piece[piece].first, obstacle
 
-    def _measure(self, index: int, search: _Search, limit: float) -> Measured | None:
+    def _measure(self, index: int, search: _Search | _Known, limit: float) -> Measured | None:
         obstacle, piece = divmod(index, self._scene.piece_count)
         part = self._part_of_piece[piece]
         return self._exact.measure(part, obstacle, search.of_part(index, part), limit)
@@ -268,6 +346,48 @@ class DistanceModel:
             point_on_obstacle=obstacle_point,
             normal=normal,
         )
+
+
+@lru_cache(maxsize=64)
+def _indices(links: int, obstacles: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return link and obstacle of each pair, read-only."""
+    link, obstacle = np.indices((links, obstacles)).reshape(2, -1)
+    link.flags.writeable = obstacle.flags.writeable = False
+    return link, obstacle
+
+
+def _write(pairs: Pairs, row: int, distance: float, vectors: tuple[Vector, Vector, Vector]) -> None:
+    """Write an exact pair: points on link and obstacle and the normal."""
+    pairs.distance[row], pairs.exact[row] = distance, True
+    pairs.point_on_link[row], pairs.point_on_obstacle[row], pairs.normal[row] = vectors
+    if pairs.located is not None:
+        pairs.located[row] = True
+
+
+class _Known:
+    """Hull distances that are measured already, as ``_Search`` gives them.
+
+    Args:
+        hulls: (n_obstacles, n_pieces) [m].
+    """
+
+    def __init__(self, hulls: NDArray[np.float64]) -> None:
+        self._hulls = hulls
+
+    def nearest_hull(self) -> int:
+        """Return the index of the least hull distance."""
+        return int(self._hulls.argmin())
+
+    def hulls_below(self, limit: float) -> list[tuple[float, int]]:
+        """Return all hull distances below a limit [m] with their indices, in rising order."""
+        flat = self._hulls.ravel()
+        near = (flat < limit).nonzero()[0]
+        return sorted(zip(flat[near].tolist(), near.tolist(), strict=True))
+
+    def of_part(self, index: int, part: Part) -> list[float]:
+        """Return the hull distances of all of a part's pieces to the obstacle of ``index`` [m]."""
+        found: list[float] = self._hulls[index // self._hulls.shape[1], part.first : part.last].tolist()
+        return found
 
 
 class _Search:

@@ -32,6 +32,10 @@ class Commander:
         self._changeover = Changeover(robot.config.file.limits.acceleration_rad_s2, period_s)
         self.previous = np.zeros(len(robot.joint_names))
 
+    def prepare(self) -> None:
+        """Do now what the first tick of a method would have to wait for."""
+        self._filtering.prepare()
+
     def needs_pairs(self, target: Target) -> bool:
         """Tell whether a target's method looks at every pair of link and obstacle."""
         return self._methods.controller(target) == "filter"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
@@ -15,7 +13,6 @@ from ..safety import SeparationTerms, SourceState, SourceStatus, Zone, ZoneProfi
 from .assess import Assessment, Seen, assess, compare, nearest_by_obstacles
 from .command import zone_speed_limit
 from .commander import Commander
-from .decision import Nearest
 from .estimates import Estimators
 from .inputs import JointSample, Target
 from .ranges import RangeReader, RangeReading
@@ -151,7 +148,7 @@ class Evaluator:
             if question.ranges is None or not robot.rings
             else self._ring_parts()[1].of(question.ranges, kinematics),
             kinematics=kinematics,
-            velocity=self._velocity(question, kinematics, now, seen.things, limit, separated),
+            velocity=self._velocity(question, kinematics, now, seen, limit, separated),
             separation=separated,
         )
 
@@ -273,7 +270,7 @@ class Evaluator:
         question: EvaluationInput,
         kinematics: Kinematics,
         now: Assessment,
-        things: Sequence[Nearest],
+        seen: Seen,
         limit: NDArray[np.float64],
         separated: Separated | None,
     ) -> NDArray[np.float64] | None:
@@ -290,8 +287,8 @@ class Evaluator:
             joints=question.joints,
             target=question.target,
             nearest=now.nearest,
-            things=things,
-            ranges=question.ranges,
+            things=seen.things,
+            ranges=None if seen.reading is None else seen.reading.others,
             obstacles=question.obstacles or (),
             pairs=pairs,
         )

@@ -1,62 +1,33 @@
-"""The method ``filter``: the programme's rows from every link–obstacle pair of a tick."""
+"""The method ``filter``: the programme of a tick, and what leads round what blocks it."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model import DistanceModel, Pairs, Robot, closing_gradients, moved_by
-from ..motion import (
-    Box,
-    Circulation,
-    Filtered,
-    VelocityFilter,
-    approach_speeds,
-    barrier_bounds,
-    task_metric,
-    velocity_box,
-)
+from ..model import DistanceModel, Robot
+from ..motion import Box, Circulation, Filtered, VelocityFilter, softness, task_metric, velocity_box
+from ..motion.filter import DAMPING_M_RAD
+from .filter_rows import RowMaker, Rows
 from .snapshot import Snapshot
 
 Array = NDArray[np.float64]
 
-MOST_EXACT = 4
-"""Pairs of a tick that are measured to the link's triangles, those that hold the motion back most.
+BLOCKED_SHARE: Final = 0.3
+"""The way counts as blocked where less than this of the end effector's wanted motion is left."""
 
-The hulls alone would do: they are never too far."""
+MEMORY_S: Final = 0.4
+"""Time constant of what is left of it: a passing hindrance is none."""
 
-EXACT_BELOW_M = 0.15
-"""Beyond this the hull's few millimetres make no difference."""
-
-
-class Rows(NamedTuple):
-    """The programme's p rows.
-
-    Attributes:
-        gradients: (p, n) g [m/rad].
-        bounds: (p,) b [m/s].
-        normals: (p, 3) unit, from the obstacle to the link, base frame.
-        pair: (p,) indices into ``Snapshot.pairs``; -1 for what a ring sees.
-    """
-
-    gradients: Array
-    bounds: Array
-    normals: Array
-    pair: NDArray[np.intp]
-
-
-BLOCKED_SHARE = 0.3
-"""The way counts as blocked where less than this of the wanted velocity of the end effector is left."""
+ROOM: Final = 1.2
+"""The programme looks first at what could matter at so many times the speed that is wanted."""
 
 
 class Filtering:
     """Brings a wanted velocity within what every pair and every joint admits, and goes round what blocks it.
-
-    Tracked obstacles enter with their velocities; one whose velocity nobody knows counts as standing, as the
-    zones and the profile's separation answer for what it may do. What a ring sees nearest is one pair more.
 
     Attributes:
         last: What the programme said at the last tick; ``None`` before.
@@ -73,19 +44,21 @@ class Filtering:
         self._filter = VelocityFilter()
         self._circulation = Circulation(self._config)
         self._goal: bytes | None = None
-        self._blocked, self._normal = False, np.zeros(3)
-        self._links = robot.monitored_links
-        self._moved = {link: moved_by(robot, link) for link in self._links}
-        for array in robot.sensor_arrays:
-            self._moved.setdefault(array.link, moved_by(robot, array.link))
-        self._moved_rows = np.array([self._moved[link] for link in self._links])
+        self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
+        self._rows = RowMaker(robot)
+        self._faster = False
+        self._all_free = len(robot.free) == len(robot.joint_names)
         self.last: Filtered | None = None
+
+    def prepare(self) -> None:
+        """Do now what the first tick would have to wait for."""
+        self._rows.prepare()
 
     def reset(self) -> None:
         """Forget the ticks before."""
-        self.last = None
+        self.last, self._faster = None, False
         self._circulation.reset()
-        self._blocked, self._normal = False, np.zeros(3)
+        self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
 
     def around(self, snapshot: Snapshot, linear: Array) -> Array:
         """Return the wanted velocity of the end effector with what leads round what blocked the last tick.
@@ -117,22 +90,56 @@ class Filtering:
             wanted: (n,) [rad/s].
             previous: (n,) the last command [rad/s]; ``None`` where no acceleration limit binds.
             speed_limit: (n,) of the zone [rad/s].
-            distances: Measures the pairs exactly that hold the motion back.
+            distances: Measured the pairs; says more of those that can matter.
         """
         free, box = self._robot.free, self._box(snapshot, previous, speed_limit)
         metric = None
         if snapshot.target.kind != "joint_velocity":
             metric = task_metric(snapshot.kinematics.jacobian)
-        rows = self._rows(snapshot)
-        found = self._filter.solve(wanted[free], rows.gradients[:, free], rows.bounds, box, metric)
-        if self._refine(snapshot.pairs, rows.pair[list(found.active)], distances):
-            rows = self._rows(snapshot)
-            found = self._filter.solve(wanted[free], rows.gradients[:, free], rows.bounds, box, metric)
+        found, rows = self._solve(snapshot, wanted[free], box, metric, distances)
         self.last = found
         velocity = np.zeros(len(wanted))
         velocity[free] = found.velocity
-        self._look(snapshot.kinematics.jacobian, wanted[free], found, rows.normals)
+        start = np.minimum(np.maximum(wanted[free], box.lower), box.upper)
+        self._look(snapshot.kinematics.jacobian, start, found, rows.normals)
         return velocity
+
+    def _solve(
+        self, snapshot: Snapshot, wanted: Array, box: Box, metric: Array | None, distances: DistanceModel
+    ) -> tuple[Filtered, Rows]:
+        """Return the solution of the programme with all rows, and those that it needed.
+
+        Rows that cannot bind at the speeds of a solution do not change it. So it is looked first at those
+        that can at little more than the wanted speed, and at the others only where the solution is faster, or
+        the last one was.
+        """
+        fastest = np.maximum(-box.lower, box.upper)
+        start = np.minimum(np.maximum(wanted, box.lower), box.upper)
+        slow = np.minimum(fastest, ROOM * float(np.abs(start).max()))
+        if not self._faster:
+            rows = self._rows.rows(snapshot, self._whole(slow), distances)
+            # A retreat takes what speed there is.
+            if not (len(rows.bounds) and float(rows.bounds.min()) < 0.0):
+                found = self._solved(wanted, rows, box, metric)
+                if bool((np.abs(found.velocity) <= slow).all()):
+                    return found, rows
+        rows = self._rows.rows(snapshot, self._whole(fastest), distances)
+        found = self._solved(wanted, rows, box, metric)
+        self._faster = bool((np.abs(found.velocity) > slow).any())
+        return found, rows
+
+    def _solved(self, wanted: Array, rows: Rows, box: Box, metric: Array | None) -> Filtered:
+        gradients = rows.gradients if self._all_free else rows.gradients[:, self._robot.free]
+        slack = softness(rows.bounds, rows.approach, DAMPING_M_RAD)
+        return self._filter.solve(wanted, gradients, rows.bounds, box, metric, rows.ceilings, slack)
+
+    def _whole(self, free: Array) -> Array:
+        """Return values of the free joints as those of all, 0 for the others, (n,)."""
+        if self._all_free:
+            return free
+        whole = np.zeros(len(self._robot.joint_names))
+        whole[self._robot.free] = free
+        return whole
 
     def _box(self, snapshot: Snapshot, previous: Array | None, speed_limit: Array) -> Box:
         """Return what the joints' limits admit; without a command before, as after full speed either way."""
@@ -152,59 +159,18 @@ class Filtering:
             self._period_s,
         )
 
-    @staticmethod
-    def _refine(pairs: Pairs | None, active: NDArray[np.intp], distances: DistanceModel) -> bool:
-        """Measure the pairs exactly that hold the motion back; tell whether there were any."""
-        if pairs is None:
-            return False
-        active = active[active >= 0][:MOST_EXACT]
-        inexact = active[(pairs.distance[active] < EXACT_BELOW_M) & ~pairs.exact[active]]
-        if len(inexact):
-            distances.refine(pairs, inexact.tolist())
-        return bool(len(inexact))
-
     def _look(self, jacobian: Array, wanted: Array, found: Filtered, normals: Array) -> None:
-        """Keep whether the pairs left nearly nothing of the end effector's motion, and which one most."""
+        """Keep whether the pairs left little of the end effector's motion for a while, and which one most.
+
+        Args:
+            jacobian: (3, k) of the end effector.
+            wanted: (k,) as far as the joints may [rad/s]: speeding up is no hindrance.
+            found: What is left.
+            normals: (p, 3) of the rows.
+        """
         asked, left = jacobian @ wanted, jacobian @ found.velocity
         size = float(asked @ asked)
-        stopped = size > 0.0 and float(asked @ left) < BLOCKED_SHARE * size
-        self._blocked = bool(found.active) and stopped
+        share = min(max(float(asked @ left) / size, 0.0), 1.0) if size > 0.0 and found.active else 1.0
+        self._share += (share - self._share) * min(1.0, self._period_s / MEMORY_S)
+        self._blocked = bool(found.active) and self._share < BLOCKED_SHARE
         self._normal = normals[found.active[0]] if found.active else np.zeros(3)
-
-    def _rows(self, snapshot: Snapshot) -> Rows:
-        """Return the rows of all pairs within the influence distance."""
-        found = []
-        if snapshot.pairs is not None and len(snapshot.pairs):
-            found.append(self._tracked(snapshot, snapshot.pairs))
-        spatial = snapshot.kinematics.spatial_jacobian
-        for thing in snapshot.things:
-            if thing.source == "ranges":
-                points, normals = thing.point_on_link[np.newaxis], thing.normal[np.newaxis]
-                moved = self._moved[thing.link][np.newaxis]
-                found.append(
-                    Rows(
-                        gradients=closing_gradients(spatial, moved, points, normals),
-                        bounds=barrier_bounds(np.array([thing.distance]), np.zeros(1), self._config),
-                        normals=normals,
-                        pair=np.array([-1]),
-                    )
-                )
-        if len(found) == 1:
-            return found[0]
-        count = len(self._robot.joint_names)
-        found.append(Rows(np.empty((0, count)), np.empty(0), np.empty((0, 3)), np.empty(0, dtype=np.intp)))
-        return Rows(*(np.concatenate(column) for column in zip(*found, strict=True)))
-
-    def _tracked(self, snapshot: Snapshot, pairs: Pairs) -> Rows:
-        near = (pairs.distance < self._config.influence_distance_m).nonzero()[0]
-        speeds = np.array([one.velocity or (0.0, 0.0, 0.0) for one in snapshot.obstacles])
-        normals = pairs.normal[near]
-        gradients = closing_gradients(
-            snapshot.kinematics.spatial_jacobian,
-            self._moved_rows[pairs.link[near]],
-            pairs.point_on_link[near],
-            normals,
-        )
-        approach = approach_speeds(normals, speeds[pairs.obstacle[near]])
-        bounds = barrier_bounds(pairs.distance[near], approach, self._config)
-        return Rows(gradients=gradients, bounds=bounds, normals=normals, pair=near)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..config import ProfileConfig
@@ -97,12 +99,16 @@ class Monitor:
         self._separation = None
         if config.separation is not None:
             self._separation = SeparationStep(robot, self.profile, config.separation)
+        # Farther ones do not enter the filter's programme; a separation looks at all.
+        influence = robot.config.file.motion.filter.influence_distance_m
+        self._pairs_within = influence if self._separation is None else math.inf
         self._obstacles: tuple[Obstacle, ...] = ()
         self._compared: tuple[object, object] = (None, None)
         self._comparison: Comparison | None = None
         self._evaluator: Evaluator | None = None
         self._plausibility = Plausibility.of(robot, period_s, self.valid_for_s)
         self._commander = Commander(robot, period_s)
+        self._commander.prepare()
         self._tick = 0
 
     def step(self, inputs: Inputs) -> Decision:
@@ -187,9 +193,12 @@ class Monitor:
             if obstacles is not self._obstacles:
                 self._distance.set_obstacles(obstacles)
                 self._obstacles = obstacles
-            exact = self._distance.nearest(position)
             if self._asks_for_pairs(inputs, fresh):
-                pairs = self._distance.pairs(position)
+                located = self._separation is not None
+                pairs = self._distance.pairs(position, self._pairs_within, located=located)
+                exact = self._distance.nearest_of(pairs)
+            else:
+                exact = self._distance.nearest(position)
             if reading is not None:
                 comparison = self._compare(reading, exact, (ranges, obstacles))
         things = [None if reading is None else reading.nearest, nearest_by_obstacles(exact)]
@@ -308,7 +317,7 @@ class Monitor:
             target=target,
             nearest=now.nearest,
             things=seen.things,
-            ranges=None if seen.reading is None else inputs.ranges.value,
+            ranges=None if seen.reading is None else seen.reading.others,
             obstacles=self._obstacles,
             pairs=seen.pairs,
         )

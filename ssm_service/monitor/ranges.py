@@ -25,6 +25,8 @@ class RangeReading(Struct, frozen=True, kw_only=True, eq=False):
     Attributes:
         nearest: What the profile's estimator says; ``None`` where it says nothing.
         ranges: (m,), [m], the readings that count; ``inf`` for silence and for the arm's own links.
+        others: (m,), [m], the same without the arm's own links in every case, also where nobody answers for
+            what they hide: from an own link nobody can be kept away. For motion, never for a zone.
         least: The least of them by link [m].
         bounds: The bound of each link that the rings answer for; none unless the estimator is one.
         silent: How near something could be in spite of silence, of each link that the rings answer for [m].
@@ -35,6 +37,7 @@ class RangeReading(Struct, frozen=True, kw_only=True, eq=False):
 
     nearest: Nearest | None
     ranges: NDArray[np.float64]
+    others: NDArray[np.float64]
     least: dict[str, float]
     bounds: tuple[tuple[SensorArray, Bound, LinkDistance], ...]
     silent: Mapping[str, float]
@@ -164,6 +167,7 @@ class RangeReader:
         return RangeReading(
             nearest=nearest,
             ranges=scan.ranges,
+            others=prepared.masked.ranges,
             least=scan.least,
             bounds=scan.bounds,
             silent=self._silent,

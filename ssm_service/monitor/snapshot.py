@@ -26,9 +26,10 @@ class Snapshot(Struct, frozen=True, kw_only=True, eq=False):
         target: The wanted motion.
         nearest: The nearest thing of all sources; ``None`` where nothing was seen.
         things: What each source sees nearest.
-        ranges: (m,) fresh readings [m], ``inf`` for no echo; ``None`` without any.
+        ranges: (m,) fresh readings [m], ``inf`` for no echo and for own links; ``None`` without any.
         obstacles: The newest tracked obstacles, fresh where ``pairs`` or ``nearest`` speak of them.
-        pairs: Every monitored link with every one of them; ``None`` where no method asked for them.
+        pairs: Every monitored link with every one of them, at least those that enter the filter's programme;
+            ``None`` where no method asked for them.
     """
 
     kinematics: Kinematics

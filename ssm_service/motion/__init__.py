@@ -1,6 +1,6 @@
 """From a target to joint velocities: fields, inverse kinematics, limits. Arrays in, arrays out."""
 
-from .barrier import Box, approach_speeds, barrier_bounds, velocity_box
+from .barrier import Box, approach_speeds, barrier_bounds, contact_bounds, softness, velocity_box
 from .changeover import Changeover
 from .circulation import Circulation
 from .clik import Critical, activation, avoidance_velocity, clik_velocity, influence_radius, pose_error
@@ -41,6 +41,7 @@ __all__ = [
     "barrier_bounds",
     "clik_velocity",
     "closest_on_segments",
+    "contact_bounds",
     "conventional_field",
     "damped_pseudo_inverse",
     "field3d",
@@ -57,6 +58,7 @@ __all__ = [
     "repulsive_force",
     "rotation_of",
     "sensor_steps",
+    "softness",
     "task_metric",
     "twist_to_joints",
     "velocity_box",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,13 @@ from ..errors import InputError
 from .limiting import check_joint
 
 Array = NDArray[np.float64]
+
+
+YIELDING_M_S: Final = 0.05
+"""A pair that asks for a retreat of this speed from what comes towards it has the first right to one."""
+
+YIELDING_SHARE: Final = 4.0
+"""The margins of the others then become softer by up to this."""
 
 
 class Box(NamedTuple):
@@ -66,6 +73,42 @@ def barrier_bounds(distance: Array, approach: Array, config: FilterConfig) -> Ar
         raise InputError("not_finite", "pairs", found, "numbers")
     bounds[distance > config.influence_distance_m] = math.inf
     return bounds
+
+
+def contact_bounds(distance: Array, approach: Array, config: FilterConfig) -> Array:
+    """Return the closing speed of its own that no link may exceed whatever for, (p,) ≥ 0 [m/s].
+
+    The barrier of ``barrier_bounds``, to the contact distance and with a gain of its own. Where the margin is
+    a comfort that a link may leave to get out of the way of something else, this is not: below the contact
+    distance nothing comes nearer by its own motion. It never asks for a retreat, so 0 fulfils it.
+
+    Args:
+        distance: (p,) signed [m]; no NaN, see ``barrier_bounds``.
+        approach: (p,) the obstacle's own speed towards the link [m/s].
+        config: The contact distance and its gain; pairs beyond the influence distance get ``inf``.
+    """
+    bounds: Array = config.contact_gain * (distance - config.contact_m) - np.maximum(approach, 0.0)
+    np.maximum(bounds, 0.0, out=bounds)
+    bounds[distance > config.influence_distance_m] = math.inf
+    return bounds
+
+
+def softness(bounds: Array, approach: Array, damping: float) -> Array:
+    """Return λ of each pair's slack, (p,) [m/rad]: greater for margins while another pair is threatened.
+
+    A pair is threatened by as much as it asks for a retreat from what comes, up to ``YIELDING_M_S``. The
+    pairs that are less threatened than the worst get a greater λ, so that a link leaves its margin from
+    what stands to get out of the way of what comes. Continuous in all arguments.
+
+    Args:
+        bounds: (p,) from ``barrier_bounds`` [m/s].
+        approach: (p,) the obstacle's own speed towards the link [m/s].
+        damping: λ where nothing comes [m/rad].
+    """
+    threat = np.minimum(approach, -bounds).clip(0.0, YIELDING_M_S)
+    worst = threat.max(initial=0.0)
+    result: Array = damping * (1.0 + YIELDING_SHARE / YIELDING_M_S * (worst - threat))
+    return result
 
 
 def velocity_box(

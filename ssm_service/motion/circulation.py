@@ -90,8 +90,8 @@ class Circulation:
         Args:
             wanted_linear: (3,) towards the goal [m/s], base frame; 0 on arrival, which resets everything.
             normal: (3,) unit, from the blocking obstacle to the link, base frame; zeros where nothing blocks.
-            blocked: Whether the last velocity, this one's part included, fell far short of what was wanted,
-                and pairs were the reason.
+            blocked: Whether the velocity of late, this one's part included, fell far short of what was wanted
+                and the joints would have done, and pairs were the reason.
             distance_to_goal: Of the end effector [m].
             dt: Time since the last step [s].
 

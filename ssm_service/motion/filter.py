@@ -1,17 +1,23 @@
 """The quadratic programme: the joint velocity nearest to the wanted one that every pair and joint admits.
 
-A pair closes by its link's own motion at ``g·q̇`` (``model.closing_gradients``) and may do so at ``b``
-(``barrier_bounds``). With ``lo ≤ 0 ≤ hi`` the box of the joints (``velocity_box``),
+A pair closes by its link's own motion at ``g·q̇`` (``model.closing_gradients``). It should do so at no more
+than ``b``, by its margin and by what comes towards it (``barrier_bounds``), and must not at more than
+``c ≥ 0``, by the contact distance (``contact_bounds``). With ``lo ≤ 0 ≤ hi`` the box of the joints
+(``velocity_box``),
 
-    min   ½ (q̇ − wanted)ᵀ W (q̇ − wanted) + ½ Σ (s_i/λ)²
+    min   ½ (q̇ − wanted)ᵀ W (q̇ − wanted) + ½ Σ (s_i/λ_i)²
     s.t.  lo ≤ q̇ ≤ hi
-          g_i·q̇ ≤ max(b_i, 0)              every pair
-          g_i·q̇ ≤ b_i + s_i,  s_i ≥ 0      pairs with b_i < 0, which are to retreat
+          g_i·q̇ ≤ c_i                      every pair
+          g_i·q̇ ≤ b_i + s_i,  s_i ≥ 0      pairs with b_i < c_i
 
 ``q̇ = 0`` fulfils every constraint whatever the obstacles do, so there always is a solution, and it is unique
-in q̇. Slack is only on the retreat, a task: at its worst (``s_i = −b_i``) the link stands, and the hard row
-above it never lets it come closer. As ``b`` passes 0 the two rows pass into one another. In penetration, too,
-``b < 0`` pushes out and what leads out is free; nothing is locked in.
+in q̇. What the second rows ask for, the margin and the retreat, is a task, the heaviest one: λ is so small
+that a wanted motion of 1 rad/s moves a link by a few mm into its margin at most. It is left for no less than
+another such row: where something comes towards the arm and its way out leads past something that stands, the
+arm comes nearer to that than the margin. With the margin a hard row it would wait there to be hit. What is
+never left is the contact distance, and what the zones and separation make of the speed after this programme;
+they are the safety, and no slack is on them. In penetration ``b < 0`` pushes out and what leads out is free;
+nothing is locked in.
 
 A retreat alone is the damped inverse ``q̇ = W⁻¹gᵀ b / (g W⁻¹gᵀ + λ²)``: a link that the joints can hardly
 move (g near 0) makes no joint race, and one that they cannot move (g = 0, the base) asks for nothing.
@@ -29,7 +35,7 @@ above vanish; the slacks are variables of our own instead.
 from __future__ import annotations
 
 import math
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import daqp
 import numpy as np
@@ -48,8 +54,8 @@ TOLERANCE_M_S: Final = 1e-6
 DAMPING_M_RAD: Final = 0.01
 """λ: a retreat is damped where the joints move the link by less than this."""
 
-MOST_RETREATS: Final = 16
-"""Pairs whose retreat is a task, the most urgent ones. All others still may not come closer."""
+MOST_SOFT: Final = 20
+"""Pairs whose margin and retreat are tasks, the most urgent ones; all others keep the contact distance."""
 
 _SHRINK: Final = 1.0 - 1e-7  # of what was scaled: more than rounding adds where terms of g·q̇ cancel
 _PRIMAL_TOLERANCE: Final = 1e-9  # at DAQP's default of 1e-6, 1 of 500 random programmes was off by 0.01 rad/s
@@ -101,11 +107,13 @@ class VelocityFilter:
         bounds: Array,
         box: Box | tuple[Array, Array],
         metric: Array | None = None,
+        ceilings: Array | None = None,
+        softness: Array | None = None,
     ) -> Filtered:
         """Return the admissible velocity nearest to the wanted one.
 
         Only the size of a row's violation counts, so neither the order of the pairs nor a pair given twice
-        makes a difference beyond rounding (but for a doubled retreat, which weighs double).
+        makes a difference beyond rounding (but for a doubled row with slack, which weighs double).
 
         Args:
             wanted: (k,) [rad/s].
@@ -113,14 +121,25 @@ class VelocityFilter:
             bounds: (p,) b of each pair [m/s]; ``inf`` for none.
             box: (k,) least and greatest velocity of each joint [rad/s], with 0 in between.
             metric: (k, k) W, symmetric and positive definite, e.g. ``task_metric``; left out, the identity.
+            ceilings: (p,) c of each pair [m/s], 0 where it is below; left out, b.
+            softness: (p,) λ of each pair [m/rad]; left out, that of all.
 
         Raises:
             InputError: ``wrong_length``, ``not_finite``, ``out_of_range``.
         """
         lower, upper = box
+        ceilings = bounds if ceilings is None else ceilings
+        if softness is None:
+            softness = np.full(len(bounds), self._damping)
         _check(wanted, gradients, bounds, lower, upper, metric)
-        programme = _Programme(wanted, gradients, bounds, lower, upper, metric, self._damping)
-        return programme.solve()
+        _check_softness(ceilings, softness, len(bounds))
+        start = np.minimum(np.maximum(wanted, lower), upper)
+        if metric is None or start.tolist() == wanted.tolist():
+            closing = gradients @ start
+            if not len(bounds) or bool(((closing <= bounds) & (bounds >= 0.0) & (closing <= ceilings)).all()):
+                return Filtered(velocity=start, active=(), retreating=False, missed=0.0, status="free")
+        rows = _Rows(gradients, bounds, ceilings, softness)
+        return _Programme(wanted, rows, lower, upper, metric).solve(start)
 
 
 def task_metric(jacobian: Array, freedom: float = 0.05) -> Array:
@@ -171,89 +190,107 @@ def _check(
             raise InputError(cause, "box", found, "finite, lower ≤ 0 ≤ upper")
 
 
+def _check_softness(ceilings: Array, softness: Array, count: int) -> None:
+    if ceilings.shape != (count,) or softness.shape != (count,):
+        raise InputError(
+            "wrong_length", "ceilings", [ceilings.shape, softness.shape], f"{count} numbers each"
+        )
+    if not count:
+        return
+    least = float(softness.min())
+    if not (float(ceilings.min()) > -math.inf and least > -math.inf):
+        found = {"ceilings": ceilings.tolist(), "softness": softness.tolist()}
+        raise InputError("not_finite", "ceilings", found, "numbers; inf for no ceiling")
+    if not least > 0.0:
+        raise InputError("out_of_range", "softness", softness.tolist(), "numbers > 0")
+
+
+class _Rows(NamedTuple):
+    """Of p pairs: g (p, k), b, c and λ (p,)."""
+
+    gradients: Array
+    bounds: Array
+    ceilings: Array
+    softness: Array
+
+
 class _Programme:
-    """One programme: the rows that can matter, their solution, and its check."""
+    """One programme: the rows that can matter, their solution, and its check.
 
-    def __init__(
-        self,
-        wanted: Array,
-        gradients: Array,
-        bounds: Array,
-        lower: Array,
-        upper: Array,
-        metric: Array | None,
-        damping: float,
-    ) -> None:
-        self._wanted, self._gradients, self._bounds = wanted, gradients, bounds
-        self._lower, self._upper, self._metric, self._damping = lower, upper, metric, damping
-        towards, away = np.maximum(gradients, 0.0), np.minimum(gradients, 0.0)
-        # Exact: no velocity of the box closes a pair faster than this, none opens it faster than that.
-        closing = towards @ upper + away @ lower
-        self._caps = np.maximum(bounds, TOLERANCE_M_S)
+    Indices of pairs: ``hard``, which may come too near; ``soft``, which may come into their margin or are to
+    retreat; ``asked``, of the soft ones which are to retreat and can.
+    """
+
+    def __init__(self, wanted: Array, rows: _Rows, lower: Array, upper: Array, metric: Array | None) -> None:
+        self._wanted, self._gradients, self._bounds = wanted, rows.gradients, rows.bounds
+        self._lower, self._upper, self._metric, self._softness = lower, upper, metric, rows.softness
+        middle, spread = (
+            rows.gradients @ (0.5 * (upper + lower)),
+            np.abs(rows.gradients) @ (0.5 * (upper - lower)),
+        )
+        # No velocity of the box closes a pair faster than this, none opens it faster than that.
+        closing, opening = middle + spread, middle - spread
+        ceilings = np.maximum(rows.ceilings, 0.0)
+        self._caps = np.maximum(ceilings, TOLERANCE_M_S)
         self._hard = (closing > self._caps).nonzero()[0]
-        self._hard_rows = gradients[self._hard]
-        self._hard_bounds = np.maximum(bounds[self._hard], 0.0)
-        self._asked = (bounds < 0.0).nonzero()[0]
-        if len(self._asked):
-            opening = towards[self._asked] @ lower + away[self._asked] @ upper
-            self._asked = self._asked[opening < -TOLERANCE_M_S]
+        self._hard_rows, self._hard_bounds = rows.gradients[self._hard], ceilings[self._hard]
+        moved = (closing > TOLERANCE_M_S) | (opening < -TOLERANCE_M_S)
+        self._soft = self._most_urgent(
+            ((rows.bounds < ceilings) & (closing > rows.bounds) & moved).nonzero()[0]
+        )
+        self._soft_rows, self._soft_bounds = rows.gradients[self._soft], rows.bounds[self._soft]
+        self._asked = self._soft[(self._soft_bounds < 0.0) & (opening[self._soft] < -TOLERANCE_M_S)]
 
-    def solve(self) -> Filtered:
-        """Return the solution, or what can be had without the solver."""
-        start = np.minimum(np.maximum(self._wanted, self._lower), self._upper)
+    def solve(self, start: Array) -> Filtered:
+        """Return the solution, or what can be had without the solver.
+
+        Args:
+            start: (k,) what the box leaves of the wanted velocity.
+        """
         if not len(self._asked):
             nearest = self._metric is None or start.tolist() == self._wanted.tolist()
-            if nearest and bool((self._hard_rows @ start <= self._hard_bounds).all()):
+            if nearest and self._admits(start):
                 return Filtered(velocity=start, active=(), retreating=False, missed=0.0, status="free")
         found = self._optimum()
         if found is None:
             return self._told(self._fallback(), "fallback")
         return self._told(self._admitted(found), "solved")
 
+    def _admits(self, velocity: Array) -> bool:
+        """Tell whether a velocity fulfils every row without slack."""
+        hard = bool((self._hard_rows @ velocity <= self._hard_bounds).all())
+        return hard and bool((self._soft_rows @ velocity <= self._soft_bounds).all())
+
     def _optimum(self) -> Array | None:
-        """Return what the solver says, (k,), unless it says that it failed."""
-        weights = np.eye(len(self._wanted)) if self._metric is None else self._metric
-        linear = -(weights @ self._wanted)
-        data = (weights, linear, self._hard_rows, self._lower, self._upper, self._hard_bounds)
-        hessian, linear, rows, lower, upper, bounds = self._with_retreats(*data) if len(self._asked) else data
-        count = len(bounds)
-        highest = np.concatenate((upper, bounds))
-        lowest = np.concatenate((lower, np.full(count, -_FREE)))
+        """Return what the solver says, (k,), unless it says that it failed.
+
+        Its variables are q̇ and s/λ; its rows those of the ceilings and then those with slack.
+        """
+        k, p, r = len(self._wanted), len(self._hard), len(self._soft)
+        hessian = np.eye(k + r)
+        if self._metric is not None:
+            hessian[:k, :k] = self._metric
+        linear = np.zeros(k + r)
+        linear[:k] = -(hessian[:k, :k] @ self._wanted)
+        rows = np.zeros((p + r, k + r))
+        rows[:p, :k], rows[p:, :k] = self._hard_rows, self._soft_rows
+        rows[range(p, p + r), range(k, k + r)] = -self._softness[self._soft]
+        highest = np.concatenate((self._upper, np.full(r, _FREE), self._hard_bounds, self._soft_bounds))
+        lowest = np.concatenate((self._lower, np.zeros(r), np.full(p + r, -_FREE)))
         sense = np.zeros(len(highest), dtype=np.int32)
         solution, _, flag, _ = daqp.solve(
             hessian, linear, rows, highest, lowest, sense,
             primal_tol=_PRIMAL_TOLERANCE, iter_limit=_ITERATIONS,
         )  # fmt: skip
-        found = np.array(solution[: len(self._wanted)])
+        found = np.array(solution[:k])
         return found if flag > 0 and math.isfinite(float(found @ found)) else None
 
-    def _with_retreats(
-        self, weights: Array, linear: Array, hard: Array, lower: Array, upper: Array, bounds: Array
-    ) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Return the programme in the variables q̇ and s/λ, with a row more for each retreat."""
-        asked = self._most_urgent()
-        k, p, r = len(linear), len(hard), len(asked)
-        hessian = np.eye(k + r)
-        hessian[:k, :k] = weights
-        rows = np.zeros((p + r, k + r))
-        rows[:p, :k], rows[p:, :k] = hard, self._gradients[asked]
-        rows[np.arange(p, p + r), np.arange(k, k + r)] = -self._damping
-        return (
-            hessian,
-            np.concatenate((linear, np.zeros(r))),
-            rows,
-            np.concatenate((lower, np.zeros(r))),
-            np.concatenate((upper, np.full(r, _FREE))),
-            np.concatenate((bounds, self._bounds[asked])),
-        )
-
-    def _most_urgent(self) -> NDArray[np.intp]:
-        """Return the pairs whose retreat is a task, in an order of their own if not all can be."""
-        asked = self._asked
-        if len(asked) <= MOST_RETREATS:
-            return asked
-        order = np.lexsort((*self._gradients[asked].T, self._bounds[asked]))
-        return asked[order[:MOST_RETREATS]]
+    def _most_urgent(self, soft: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the pairs whose slack counts, in an order of their own if not all can be."""
+        if len(soft) <= MOST_SOFT:
+            return soft
+        order = np.lexsort((*self._gradients[soft].T, self._bounds[soft]))
+        return soft[order[:MOST_SOFT]]
 
     def _admitted(self, velocity: Array) -> Array:
         """Return the velocity cut to the box and, where a pair closes too fast, scaled until it does not."""
@@ -272,7 +309,7 @@ class _Programme:
         asked = self._asked
         if len(asked):
             gradients = self._gradients[asked]
-            squares = (gradients * gradients).sum(axis=1) + self._damping**2
+            squares = (gradients * gradients).sum(axis=1) + self._softness[asked] ** 2
             choices.append(self._shared((self._bounds[asked] / squares) @ gradients))
         return min(choices, key=self._cost)
 
@@ -286,25 +323,19 @@ class _Programme:
     def _cost(self, velocity: Array) -> float:
         off = velocity - self._wanted
         task = off if self._metric is None else self._metric @ off
-        missed = self._missed(velocity).clip(0.0) / self._damping
-        return float(off @ task + missed @ missed)
-
-    def _missed(self, velocity: Array) -> Array:
-        """Return by how much each pair stays behind its retreat [m/s]."""
-        missed: Array = self._gradients[self._asked] @ velocity - self._bounds[self._asked]
-        return missed
+        slack = (self._soft_rows @ velocity - self._soft_bounds).clip(0.0) / self._softness[self._soft]
+        return float(off @ task + slack @ slack)
 
     def _told(self, velocity: Array, status: Status) -> Filtered:
         """Return the velocity with what there is to say about it."""
-        values = (self._hard_rows @ velocity).tolist()
-        offered = zip(self._hard.tolist(), values, self._hard_bounds.tolist(), strict=True)
-        tight = {row for row, value, bound in offered if value >= bound - TOLERANCE_M_S}
+        held = (self._hard_rows @ velocity >= self._hard_bounds - TOLERANCE_M_S).nonzero()[0]
+        near = (self._soft_rows @ velocity >= self._soft_bounds - TOLERANCE_M_S).nonzero()[0]
+        tight = {*self._hard[held].tolist(), *self._soft[near].tolist(), *self._asked.tolist()}
         missed, retreating = 0.0, False
         if len(self._asked):
-            tight.update(self._asked.tolist())
-            behind = self._missed(velocity)
-            missed = max(0.0, float(behind.max()))
-            retreating = float((behind + self._bounds[self._asked]).min()) < -TOLERANCE_M_S
+            speeds = self._gradients[self._asked] @ velocity
+            missed = max(0.0, float((speeds - self._bounds[self._asked]).max()))
+            retreating = float(speeds.min()) < -TOLERANCE_M_S
         rows = sorted(tight)
         if len(rows) > 1:
             offence = (self._gradients[rows] @ self._wanted - self._bounds[rows]).tolist()
@@ -315,5 +346,5 @@ class _Programme:
             retreating=retreating,
             missed=missed,
             status=status,
-            rows=len(self._hard) + min(len(self._asked), MOST_RETREATS),
+            rows=len(self._hard) + len(self._soft),
         )

@@ -59,22 +59,16 @@ class FreeSpace:
         self.checked = 0
         self._distance = DistanceModel(robot)
         self._distance.set_obstacles(obstacles)
-        self._any = len(obstacles) > 0
         self._itself = SelfCollision(robot, start)
         self._clearance = clearance_m
-        self._near = min(clearance_m, self._least(start) - _NEARER_M)
+        self._near = min(clearance_m, float(self._distance.bounds(start).min(initial=math.inf)) - _NEARER_M)
 
     def free(self, position: NDArray[np.float64]) -> bool:
         """Return whether a joint position, (n,), is within the limits, clear of everything and of itself."""
         self.checked += 1
         if not bool(np.all((self.lower <= position) & (position <= self.upper))):
             return False
-        least = self._least(position)
-        if not least >= self._clearance and not (
-            least >= self._near and float(np.linalg.norm(position - self.start)) <= LEAVING_RAD
-        ):
-            return False
-        return not self._itself.touches(position)
+        return self._clear(position) and not self._itself.touches(position)
 
     def edge_free(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
         """Return whether the straight way between two joint positions, (n,) each, is free, both included."""
@@ -89,8 +83,12 @@ class FreeSpace:
         position[self.robot.free] = free
         return position
 
-    def _least(self, position: NDArray[np.float64]) -> float:
-        return float(self._distance.bounds(position).min()) if self._any else math.inf
+    def _clear(self, position: NDArray[np.float64]) -> bool:
+        """Return whether nothing is too near; less than the clearance will do near a start that is nearer."""
+        if self._distance.keeps(position, self._clearance):
+            return True
+        leaving = float(np.linalg.norm(position - self.start)) <= LEAVING_RAD
+        return leaving and self._near < self._clearance and self._distance.keeps(position, self._near)
 
 
 def _coarseness(share: float) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -51,7 +52,7 @@ def angular_approach(
     Returns:
         (3,) [rad/s], base frame.
     """
-    turn = Rotation.from_matrix(goal @ rotation.T).as_rotvec()
+    turn: NDArray[np.float64] = pin.log3(goal @ rotation.T)  # scipy's takes a hundred times as long
     angle = math.hypot(*turn.tolist())
     if angle <= LEAST_ANGLE_RAD:
         return np.zeros(3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import tomllib
 from collections import Counter
@@ -87,6 +88,45 @@ def test_what_the_tests_miss_is_found_with_its_place(outcome: Outcome) -> None:
     assert outcome.counts.total() == outcome.counts["killed"] + len(outcome.survivors)
 
 
+def test_what_is_known_is_kept_as_long_as_it_rests_on_the_same(tree: Path, tmp_path: Path) -> None:
+    """After a new test only survivors are tested again, and all mutants after a change of their file."""
+    root = tmp_path / "root"
+    shutil.copytree(tree, root)
+    kept = tmp_path / "kept"
+    room = Room(name="tiny", modules=("ssm_service/tiny/gate.py",), tests=("tests/tiny",))
+    assert run_room(root, room, 1, keep=kept, count=True).counts.keys() == {"not tested"}
+    numbers, tested = [], 0
+    for name, text in (
+        ("tests/tiny/test_gate.py", TESTS),
+        ("tests/tiny/test_gate.py", TESTS),
+        ("tests/tiny/test_edge.py", TESTS.replace("open(7)", "open(5)")),
+        ("ssm_service/tiny/gate.py", SOURCE + "\n# changed\n"),
+    ):
+        (root / name).write_text(text, encoding="utf-8")
+        outcome = run_room(root, room, 2, keep=kept)
+        lines = (kept / "tiny" / "mutants.jsonl").read_text(encoding="utf-8").count("\n")
+        numbers.append((lines - tested, outcome.counts.total(), len(outcome.survivors)))
+        tested = lines
+    (first, every, survivors), *others = numbers
+    assert first == every > survivors > 1
+    assert others == [
+        (0, every, survivors),
+        (survivors, every, survivors - 1),
+        (every, every, survivors - 1),
+    ]
+
+
+def test_a_test_that_was_left_out_notices_nothing(tree: Path) -> None:
+    room = Room(
+        name="tiny",
+        modules=("ssm_service/tiny/gate.py",),
+        tests=("tests/tiny/test_gate.py",),
+        without=("tests/tiny/test_gate.py::test_it_opens",),
+    )
+    with pytest.raises(MutationError, match="collected"):
+        run_room(tree, room, 1)
+
+
 def test_the_tree_itself_is_left_alone(tree: Path, outcome: Outcome) -> None:
     assert (tree / "ssm_service/tiny/gate.py").read_text(encoding="utf-8") == SOURCE
     assert not (tree / "mutants").exists()
@@ -134,8 +174,9 @@ def test_the_list_names_files_and_lines_that_exist_and_reasons() -> None:
     for left_out in listed["not_run"]:
         assert (ROOT / left_out["file"]).exists()
         assert left_out["reason"]
+    modules = {module for room in every.values() for module in room.modules}
     for unknown in listed.get("not_finished", []):
-        assert unknown["room"] in every
+        assert unknown["file"] in modules
         assert unknown["reason"]
     for known in listed["survivor"]:
         assert known["reason"]

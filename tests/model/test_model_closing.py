@@ -70,9 +70,52 @@ def test_pairs_are_bounds_until_they_are_refined(robot: Robot, model: DistanceMo
             assert pairs.normal[row] == pytest.approx(exact[row].normal, abs=1e-6)
 
 
+def test_pairs_within_a_distance_are_those_of_all(robot: Robot, model: DistanceModel) -> None:
+    random, seen = np.random.default_rng(5), 0
+    for _ in range(10):
+        q = position(random)
+        model.set_obstacles(around(random))
+        every = model.pairs(q)
+        near = (every.distance < 0.3).nonzero()[0]
+        some = model.pairs(q, within=0.3)
+        seen += len(near)
+        for name in ("link", "obstacle"):
+            np.testing.assert_array_equal(getattr(some, name), getattr(every, name)[near])
+        # Coal begins each search where the last one ended.
+        assert some.distance == pytest.approx(every.distance[near], abs=2e-6)
+        assert some.normal == pytest.approx(every.normal[near], abs=5e-3)
+        across = some.point_on_link - some.point_on_obstacle
+        apart = some.distance > 1e-3
+        assert np.linalg.norm(across[apart], axis=1) == pytest.approx(some.distance[apart], abs=2e-5)
+        assert (some.links, some.obstacles) == (every.links, every.obstacles)
+        if len(near):
+            exact = model.all_pairs(q)[near[-1]]
+            model.pairs(q, within=0.3)
+            model.refine(some, [len(near) - 1])
+            assert some.distance[-1] == pytest.approx(exact.distance, abs=1e-9)
+            assert some.exact.tolist() == [False] * (len(near) - 1) + [True]
+    assert seen > 20
+
+
+def test_an_arm_keeps_a_clearance_if_all_its_bounds_do(robot: Robot, model: DistanceModel) -> None:
+    random, kept = np.random.default_rng(6), []
+    for _ in range(20):
+        q = position(random)
+        model.set_obstacles(around(random))
+        least = float(model.bounds(q).min())
+        assert model.keeps(q, least - 1e-5)
+        assert not model.keeps(q, least + 1e-5)
+        kept.append(model.keeps(q, 0.1))
+        assert kept[-1] == (least >= 0.1)
+    assert 0 < sum(kept) < len(kept)
+    model.set_obstacles([])
+    assert model.keeps(np.zeros(6), 1.0)
+
+
 def test_no_obstacles_are_no_pairs(robot: Robot, model: DistanceModel) -> None:
     model.set_obstacles([])
     assert len(model.pairs(np.zeros(6))) == 0
+    assert model.bounds(np.zeros(6)).shape == (len(robot.monitored_links), 0)
 
 
 @pytest.mark.parametrize("refined", [False, True])

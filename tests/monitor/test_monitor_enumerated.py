@@ -150,6 +150,7 @@ def alone(profile: ZoneProfile, config: SourcesConfig, now: Situation) -> Zone:
         reading = RangeReading(
             nearest=nearest("ranges", now.seen_by_ranges),
             ranges=np.full(8, np.inf),
+            others=np.full(8, np.inf),
             least={"forearm_link": 1.0},
             bounds=(),
             silent={},

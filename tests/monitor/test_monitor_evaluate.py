@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from ssm_service.monitor import EvaluationInput, Monitor, Target, joint_sample
+from ssm_service.perception import OwnLinks
 from ssm_service.safety import Zone
 
 POSE = [0.4, -1.1, 1.0, 0.3, -0.2, 0.1]
@@ -72,6 +73,20 @@ def test_a_target_gives_a_limited_command(ask):
     contact = ask(ranges=np.array([0.0] + [np.inf] * 7), target=target)
     assert contact.zone is Zone.STOP
     assert not contact.velocity.any()
+
+
+def test_the_rings_field_is_not_repelled_by_own_links(ask, robot):
+    folded = [1.18, -0.7, -2.29, 1.39, 0.16, -1.19]
+    readings = OwnLinks(robot).readings(np.array(folded))
+    assert readings.min() < robot.config.file.motion.influence_distance_m
+    place = robot.kinematics(folded).transform_end_effector_to_base[:3, 3]
+    target = Target(kind="position", value=place + np.array([0.05, -0.05, 0.05]), controller="field3d")
+    directions = []
+    for ranges in (readings, np.full(8, np.inf), np.where(np.isinf(readings), 0.15, readings)):
+        velocity = ask(position=folded, ranges=ranges, target=target).velocity
+        directions.append(velocity / np.linalg.norm(velocity))
+    np.testing.assert_allclose(directions[0], directions[1], atol=1e-9)
+    assert np.abs(directions[2] - directions[1]).max() > 0.05  # an obstacle where no own link is seen
 
 
 def test_it_leaves_the_running_monitor_alone(robot, scene, sphere):

@@ -12,6 +12,7 @@ import pytest
 from ssm_service.errors import InputError
 from ssm_service.model import DistanceModel, Obstacle, Robot
 from ssm_service.monitor import (
+    Decision,
     EvaluationInput,
     Inputs,
     JointSample,
@@ -20,19 +21,34 @@ from ssm_service.monitor import (
     Target,
     checked_target,
 )
+from ssm_service.perception import OwnLinks, scan
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 DT = 0.004
 METHODS = ("field", "clik-1", "clik-2", "clik-3", "filter")
+SCAN = 40  # ticks to a scan
+SEEING = 0  # the sensor before which a ball is
+FOLDED = np.array([1.18, -0.7, -2.29, 1.39, 0.16, -1.19])
 START = np.array([0.3, -1.3, 1.4, -0.6, -1.2, 0.4])
 
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory) -> Robot:
     """The UR3 with six free joints and a tracker instead of rings."""
+    return free_arm(tmp_path_factory.mktemp("robots") / "arm.toml", "# Terabee")
+
+
+@pytest.fixture(scope="module")
+def ringed(tmp_path_factory) -> Robot:
+    """The same with a tracker and the ring."""
+    return free_arm(tmp_path_factory.mktemp("robots") / "ringed.toml", "# The paper's scene")
+
+
+def free_arm(file: Path, until: str) -> Robot:
+    """Return the UR3 with six free joints and with what its file says up to some words."""
     text = (ROBOTS / "ur3.toml").read_text()
     top, _, rest = text.partition("[joints.locked]")
-    hulls = rest[rest.index("[hull_pieces]") : rest.index("# Terabee")]
+    hulls = rest[rest.index("[hull_pieces]") : rest.index(until)]
     own = """
 [limits]
 acceleration_rad_s2 = 4.0
@@ -49,7 +65,6 @@ recovery_ticks = 20
 red = { distance_m = 0.01, joint_speed_rad_s = 2.5, speed_scaling = 0.25 }
 yellow = { distance_m = 0.02, joint_speed_rad_s = 3.0, speed_scaling = 0.5 }
 """
-    file = tmp_path_factory.mktemp("robots") / "arm.toml"
     top = top.replace('"wrist_1_joint"     #', '"ee_link"           #')
     file.write_text(top + hulls + own)
     return Robot.load(file)
@@ -64,6 +79,9 @@ class Run:
         self.velocity = np.zeros(6)
         self.obstacles = obstacles
         self.decision = None
+        self.robot, self.own = robot, OwnLinks(robot) if robot.rings else None
+        self.scanned = Received()
+        self.ticks = 0
 
     def tick(self, target: Target | None) -> np.ndarray:
         """Let one period pass; return the command."""
@@ -71,12 +89,24 @@ class Run:
         inputs = Inputs(
             joints=Received(value=sample, age_s=0.0),
             obstacles=Received(value=self.obstacles, age_s=0.0),
+            ranges=self.scan(),
             target=Received(value=target, age_s=None if target is None else 0.0),
         )
+        self.ticks += 1
         self.decision = self.monitor.step(inputs)
         self.velocity = self.decision.velocity
         self.position = self.position + self.velocity * self.dt
         return self.velocity
+
+    def scan(self) -> Received:
+        """Return what the ring saw last, of obstacles and of the arm itself; nothing without a ring."""
+        if self.own is not None and self.ticks % SCAN == 0:
+            (ring,) = self.robot.rings
+            transforms = self.robot.kinematics(self.position).transform_sensors_to_base
+            seen = scan(self.obstacles, transforms, ring.half_angle, ring.range_max, ring.range_min)
+            seen = np.minimum(seen, self.own.readings(self.position))
+            self.scanned = Received(value=seen, age_s=0.0)
+        return self.scanned
 
     def settle(self) -> None:
         """Let the zone recover from the start."""
@@ -120,19 +150,16 @@ def test_a_position_is_reached_without_turning_under_clik(arm, method):
     np.testing.assert_allclose(here[:3, :3], end(arm, START)[:3, :3], atol=2e-3)
 
 
-@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(METHODS, 2)))
-def test_a_changeover_makes_no_command_jump(arm, first, second):
-    here = end(arm, START)[:3, 3]
-    ball = Obstacle(
-        id="ball", shape="sphere", size=(0.05,), position=tuple(here + np.array([0.1, 0.05, 0.14]))
-    )
-    run = Run(arm, obstacles=(ball,))
+def changed_over(robot: Robot, obstacles: tuple[Obstacle, ...], first: str, second: str) -> Run:
+    """Change from one method to another in full motion, with another goal; the command must not jump."""
+    here = end(robot, START)[:3, 3]
+    run = Run(robot, obstacles=obstacles)
     run.settle()
     before = np.zeros(6)
-    greatest = arm.config.file.limits.acceleration_rad_s2 * DT
+    greatest = robot.config.file.limits.acceleration_rad_s2 * DT
     targets = [
-        checked_target(arm, "position", (here + np.array([0.15, 0.0, 0.05])).tolist(), first),
-        checked_target(arm, "position", (here + np.array([-0.1, 0.15, 0.0])).tolist(), second),
+        checked_target(robot, "position", (here + np.array([0.15, 0.0, 0.05])).tolist(), first),
+        checked_target(robot, "position", (here + np.array([-0.1, 0.15, 0.0])).tolist(), second),
     ]
     changes, moved = [], []
     for tick in range(85):
@@ -142,6 +169,75 @@ def test_a_changeover_makes_no_command_jump(arm, first, second):
         before = velocity
     assert max(changes[60:]) <= greatest * (1 + 1e-9)
     assert moved[59] > 10 * greatest
+    return run
+
+
+def ball_at(place: np.ndarray) -> Obstacle:
+    return Obstacle(id="ball", shape="sphere", size=(0.05,), position=tuple(place.tolist()))
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(METHODS, 2)))
+def test_a_changeover_makes_no_command_jump(arm, first, second):
+    changed_over(arm, (ball_at(end(arm, START)[:3, 3] + [0.1, 0.05, 0.14]),), first, second)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [pair for name in METHODS for pair in ((name, "field3d"), ("field3d", name))]
+)
+def test_a_changeover_from_and_to_the_rings_field_makes_no_command_jump(ringed, first, second):
+    sensor = ringed.kinematics(START).transform_sensors_to_base[SEEING]
+    ball = ball_at(sensor[:3, 3] + 0.25 * sensor[:3, 0])
+    run = changed_over(ringed, (ball,), first, second)
+    others = run.monitor.range_reader._prepared.masked.ranges
+    assert others.min() < ringed.config.file.motion.influence_distance_m
+
+
+def folded_inputs(robot: Robot, ranges: np.ndarray, target: Target, *, tracked: bool) -> Inputs:
+    return Inputs(
+        joints=Received(value=JointSample(position=FOLDED, velocity=np.zeros(6)), age_s=0.0),
+        obstacles=Received(value=(), age_s=0.0) if tracked else Received(),
+        ranges=Received(value=ranges, age_s=0.0),
+        target=Received(value=target, age_s=0.0),
+    )
+
+
+@pytest.fixture(scope="module")
+def own_echoes() -> tuple[Robot, np.ndarray, Target]:
+    """The shipped UR3 where its ring sees its own links near, what it reads, and a goal in reach."""
+    robot = Robot.load("ur3")
+    readings = OwnLinks(robot).readings(FOLDED)
+    assert readings.min() < 0.7 * robot.config.file.motion.influence_distance_m
+    goal = end(robot, FOLDED)[:3, 3] + [0.05, -0.05, 0.05]
+    return robot, readings, checked_target(robot, "position", goal.tolist(), "field3d")
+
+
+def commands(own_echoes, ranges: np.ndarray, *, tracked: bool) -> tuple[np.ndarray, Decision]:
+    """Return what the monitor commands while joints and scan stay as they are, (150, n), and its last say."""
+    robot, _, target = own_echoes
+    monitor = Monitor(robot)
+    decisions = [monitor.step(folded_inputs(robot, ranges, target, tracked=tracked)) for _ in range(150)]
+    return np.array([decision.velocity for decision in decisions]), decisions[-1]
+
+
+def test_the_rings_field_is_not_repelled_by_the_arms_own_links(own_echoes):
+    readings = own_echoes[1]
+    alone, _ = commands(own_echoes, readings, tracked=True)
+    silent, _ = commands(own_echoes, np.full(8, math.inf), tracked=True)
+    assert np.abs(silent[-1]).max() > 0.05
+    np.testing.assert_array_equal(alone, silent)
+    # an obstacle where no own link is seen
+    other, _ = commands(own_echoes, np.where(np.isinf(readings), 0.15, readings), tracked=True)
+    assert np.abs(other[-1] - silent[-1]).max() > 0.02
+
+
+def test_own_links_do_not_repel_where_they_count_for_the_zone_either(own_echoes):
+    readings = own_echoes[1]
+    alone, decision = commands(own_echoes, readings, tracked=False)
+    silent, free = commands(own_echoes, np.full(8, math.inf), tracked=False)
+    assert decision.zone > free.zone  # nobody answers for what the own link hides
+    assert decision.distance == pytest.approx(readings.min())
+    directions = [v[-1] / np.linalg.norm(v[-1]) for v in (alone, silent)]
+    np.testing.assert_allclose(directions[0], directions[1], atol=1e-9)
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)])

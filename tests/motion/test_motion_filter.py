@@ -9,7 +9,7 @@ from scipy.optimize import minimize, nnls
 from ssm_service.errors import InputError
 from ssm_service.motion import VelocityFilter, task_metric
 from ssm_service.motion import filter as module
-from ssm_service.motion.filter import DAMPING_M_RAD, MOST_RETREATS, TOLERANCE_M_S
+from ssm_service.motion.filter import DAMPING_M_RAD, MOST_SOFT, TOLERANCE_M_S
 
 K = 6
 SEEDED = settings(max_examples=200, derandomize=True, deadline=None, database=None)
@@ -19,8 +19,8 @@ WIDE = (np.full(K, -1.5), np.full(K, 1.5))
 class Case:
     """A random programme: gradients over four decades, boxes with shut sides, doubled and opposed rows."""
 
-    def __init__(self, seed, pairs=25, asked=0.15):
-        rng = np.random.default_rng(seed)
+    def __init__(self, seed, pairs=25, asked=0.15, soft=False):
+        rng, self.soft = np.random.default_rng(seed), soft
         p = int(rng.integers(1, pairs + 1))
         gradients = rng.normal(size=(p, K)) * 10.0 ** rng.uniform(-4.0, 0.0, (p, 1))
         bounds = np.abs(rng.normal(size=p)) * 0.3
@@ -36,43 +36,54 @@ class Case:
         self.lower[rng.random(K) < 0.1] = 0.0
         self.upper[rng.random(K) < 0.1] = 0.0
         self.wanted, self.gradients, self.bounds = rng.normal(size=K), gradients, bounds
+        self.ceilings, self.softness = np.maximum(bounds, 0.0), np.full(len(bounds), DAMPING_M_RAD)
+        if soft:
+            self.ceilings = self.ceilings + rng.random(len(bounds)) * 0.2 * (rng.random(len(bounds)) < 0.7)
+            self.softness = DAMPING_M_RAD * rng.uniform(0.3, 5.0, len(bounds))
         self.metric = task_metric(rng.normal(size=(3, K)) * 0.3) if rng.random() < 0.5 else None
         self.rng = rng
 
     def solve(self, **changes):
         values = {**vars(self), **changes}
         box = (values["lower"], values["upper"])
+        more = (values["ceilings"], values["softness"]) if self.soft else ()
         return VelocityFilter().solve(
-            values["wanted"], values["gradients"], values["bounds"], box, values["metric"]
+            values["wanted"], values["gradients"], values["bounds"], box, values["metric"], *more
         )
+
+    def slack(self, velocity):
+        """Return what the rows with slack are short of, those whose bound is below their ceiling."""
+        ends = self.gradients * self.lower, self.gradients * self.upper
+        moved = np.maximum(np.maximum(*ends).sum(axis=1), -np.minimum(*ends).sum(axis=1)) > TOLERANCE_M_S
+        short = np.maximum(0.0, self.gradients @ velocity - self.bounds)
+        return short * (moved & (self.bounds < self.ceilings))
 
     def cost(self, velocity):
         off = velocity - self.wanted
         weights = np.eye(K) if self.metric is None else self.metric
-        slack = np.maximum(0.0, self.gradients @ velocity - self.bounds)[self.bounds < 0] / DAMPING_M_RAD
+        slack = self.slack(velocity) / self.softness
         return 0.5 * off @ weights @ off + 0.5 * slack @ slack
 
     def slope(self, velocity):
         off = velocity - self.wanted
-        slack = np.maximum(0.0, self.gradients @ velocity - self.bounds) * (self.bounds < 0)
-        return (
-            off if self.metric is None else self.metric @ off
-        ) + self.gradients.T @ slack / DAMPING_M_RAD**2
+        task = off if self.metric is None else self.metric @ off
+        return task + self.gradients.T @ (self.slack(velocity) / self.softness**2)
 
     def assert_admitted(self, velocity):
         assert (velocity >= self.lower).all()
         assert (velocity <= self.upper).all()
-        assert (self.gradients @ velocity <= np.maximum(self.bounds, TOLERANCE_M_S)).all()
+        assert (self.gradients @ velocity <= np.maximum(self.ceilings, TOLERANCE_M_S)).all()
 
 
-@pytest.mark.parametrize("seed", range(200))
-def test_fulfils_every_constraint_and_the_conditions_of_optimality(seed):
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("seed", range(150))
+def test_fulfils_every_constraint_and_the_conditions_of_optimality(seed, soft):
     """The slope of the cost is a sum, with weights ≥ 0, of the normals of the constraints that are tight."""
-    case = Case(seed)
+    case = Case(seed, pairs=MOST_SOFT - 4, soft=soft)
     found = case.solve()
     case.assert_admitted(found.velocity)
     assert found.status in ("free", "solved")
-    tight = case.gradients @ found.velocity >= np.maximum(case.bounds, 0.0) - 1e-5
+    tight = case.gradients @ found.velocity >= case.ceilings - 1e-5
     normals = [
         *case.gradients[tight & case.gradients.any(axis=1)],
         *np.eye(K)[found.velocity >= case.upper - 1e-6],
@@ -81,12 +92,14 @@ def test_fulfils_every_constraint_and_the_conditions_of_optimality(seed):
     slope = case.slope(found.velocity)
     scaled = [normal / np.linalg.norm(normal) for normal in normals]
     rest = nnls(np.array(scaled).T, -slope)[1] if normals else np.linalg.norm(slope)
-    assert rest <= 1e-4 * max(1.0, np.linalg.norm(slope))
+    # What is admitted may be scaled by 1e-7 of itself, and a slack is stiff.
+    assert rest <= 1e-3 * max(1.0, np.linalg.norm(slope))
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_agrees_with_a_general_optimiser(seed):
-    case = Case(1000 + seed, pairs=8)
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_agrees_with_a_general_optimiser(seed, soft):
+    case = Case(1000 + seed, pairs=8, soft=soft)
     found = case.solve().velocity
     other = minimize(
         case.cost,
@@ -95,7 +108,7 @@ def test_agrees_with_a_general_optimiser(seed):
         bounds=list(zip(case.lower, case.upper, strict=True)),
         constraints={
             "type": "ineq",
-            "fun": lambda v: np.maximum(case.bounds, 0.0) - case.gradients @ v,
+            "fun": lambda v: case.ceilings - case.gradients @ v,
             "jac": lambda v: -case.gradients,
         },
         method="SLSQP",
@@ -106,10 +119,12 @@ def test_agrees_with_a_general_optimiser(seed):
 
 @pytest.mark.parametrize("seed", range(100))
 def test_the_order_of_the_pairs_does_not_matter(seed):
-    case = Case(2000 + seed)
+    case = Case(2000 + seed, pairs=MOST_SOFT - 4, soft=seed % 2 == 0)
     order = case.rng.permutation(len(case.bounds))
     one = case.solve()
-    other = case.solve(gradients=case.gradients[order], bounds=case.bounds[order])
+    other = case.solve(
+        **{name: getattr(case, name)[order] for name in ("gradients", "bounds", "ceilings", "softness")}
+    )
     np.testing.assert_allclose(other.velocity, one.velocity, atol=2e-6)
     assert other.retreating == one.retreating
     assert other.missed == pytest.approx(one.missed, abs=1e-6)
@@ -120,7 +135,7 @@ def test_more_retreats_than_can_be_tasks_in_any_order():
     rng = np.random.default_rng(3)
     gradients = rng.normal(size=(80, K)) * 0.02 + np.array([0.3, 0.2, 0.1, 0.0, 0.0, 0.0])
     bounds = np.full(80, -0.1)
-    bounds[MOST_RETREATS:] = -0.05
+    bounds[MOST_SOFT:] = -0.05
     found = VelocityFilter().solve(np.ones(K), gradients, bounds, WIDE)
     order = rng.permutation(80)
     other = VelocityFilter().solve(np.ones(K), gradients[order], bounds[order], WIDE)
@@ -223,6 +238,24 @@ def test_in_penetration_it_goes_out_and_never_deeper():
     assert deeper.velocity[1] == pytest.approx(0.1)
 
 
+def test_a_margin_gives_way_to_a_retreat_and_to_little_else():
+    """A plate at the margin on one side, a ball that comes from the other: the link leaves the margin."""
+    gradient = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    rows, bounds, ceilings = np.array([gradient, -gradient]), np.array([0.0, -0.2]), np.array([0.25, 0.0])
+    soft = np.array([5.0 * DAMPING_M_RAD, DAMPING_M_RAD])
+    hit = VelocityFilter().solve(np.zeros(K), rows, bounds, WIDE, None, ceilings, soft)
+    assert 0.18 < gradient @ hit.velocity < 0.2
+    assert hit.retreating
+    waiting = VelocityFilter().solve(np.zeros(K), rows, bounds, WIDE)  # with the margin a hard row
+    np.testing.assert_allclose(waiting.velocity, 0.0, atol=1e-6)
+    ceilings[0] = 0.05
+    held = VelocityFilter().solve(np.zeros(K), rows, bounds, WIDE, None, ceilings, soft)
+    assert gradient @ held.velocity == pytest.approx(0.05, abs=1e-6)
+    into = VelocityFilter().solve(np.eye(K)[0], rows[:1], bounds[:1], WIDE, None, np.ones(1))
+    assert 0.0 <= gradient @ into.velocity < 1e-3  # 1 rad/s is no reason
+    assert into.active == (0,)
+
+
 def test_links_that_no_joint_moves_ask_for_nothing():
     gradients = np.zeros((3, K))
     gradients[1, 0] = 1e-12
@@ -286,7 +319,7 @@ def test_active_names_the_worst_offender_first():
 @pytest.mark.parametrize("seed", range(30))
 def test_when_the_solver_fails_what_is_left_is_safe(monkeypatch, flag, seed):
     """Also when it claims success and returns NaN."""
-    case = Case(5000 + seed, asked=0.3)
+    case = Case(5000 + seed, asked=0.3, soft=seed % 2 == 0)
     monkeypatch.setattr(module.daqp, "solve", lambda *_, **__: (np.full(64, np.nan), 0.0, flag, {}))
     found = case.solve()
     case.assert_admitted(found.velocity)
@@ -296,7 +329,7 @@ def test_when_the_solver_fails_what_is_left_is_safe(monkeypatch, flag, seed):
 
 @pytest.mark.parametrize("seed", range(30))
 def test_what_the_solver_returns_is_checked(monkeypatch, seed):
-    case = Case(6000 + seed)
+    case = Case(6000 + seed, soft=seed % 2 == 0)
     wrong = case.rng.normal(size=64) * 3.0
     monkeypatch.setattr(module.daqp, "solve", lambda *_, **__: (wrong, 0.0, 1, {}))
     case.assert_admitted(case.solve().velocity)
@@ -313,10 +346,12 @@ def test_a_failing_solver_still_retreats(monkeypatch):
     assert float(gradient[0] @ part.velocity) == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize("name", ["wanted", "gradients", "bounds", "lower", "upper", "metric"])
+@pytest.mark.parametrize(
+    "name", ["wanted", "gradients", "bounds", "lower", "upper", "metric", "ceilings", "softness"]
+)
 @pytest.mark.parametrize("bad", [math.nan, -math.inf])
 def test_refuses_what_is_not_a_number(name, bad):
-    case = Case(7)
+    case = Case(7, soft=True)
     case.metric = np.eye(K)
     getattr(case, name)[..., 0] = bad
     with pytest.raises(InputError) as caught:
@@ -325,7 +360,10 @@ def test_refuses_what_is_not_a_number(name, bad):
 
 
 def test_refuses_boxes_without_zero_and_wrong_shapes():
-    case = Case(7)
+    case = Case(7, soft=True)
+    with pytest.raises(InputError) as caught:
+        case.solve(softness=case.softness * np.where(np.arange(len(case.bounds)), 1.0, 0.0))
+    assert caught.value.cause == "out_of_range"
     with pytest.raises(InputError, match="lower ≤ 0 ≤ upper"):
         case.solve(lower=np.full(K, 0.1))
     with pytest.raises(InputError, match="lower ≤ 0 ≤ upper"):
@@ -335,6 +373,8 @@ def test_refuses_boxes_without_zero_and_wrong_shapes():
         {"bounds": np.zeros(len(case.bounds) + 1)},
         {"metric": np.eye(K - 1)},
         {"lower": np.zeros(1)},
+        {"ceilings": np.zeros(1)},
+        {"softness": np.ones(1)},
     ):
         with pytest.raises(InputError) as caught:
             case.solve(**changes)

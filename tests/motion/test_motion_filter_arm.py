@@ -5,7 +5,7 @@ import pytest
 
 from ssm_service.config import FilterConfig
 from ssm_service.model import DistanceModel, Obstacle, Robot, closing_gradients, moved_by
-from ssm_service.motion import VelocityFilter, approach_speeds, barrier_bounds, velocity_box
+from ssm_service.motion import VelocityFilter, approach_speeds, barrier_bounds, contact_bounds, velocity_box
 
 CONFIG = FilterConfig()
 DT = 0.008
@@ -49,7 +49,10 @@ class Arm:
             4.0,
             DT,
         )
-        found = self.filter.solve(wanted, gradients, barrier_bounds(pairs.distance, approach, CONFIG), box)
+        bounds, ceilings = (
+            function(pairs.distance, approach, CONFIG) for function in (barrier_bounds, contact_bounds)
+        )
+        found = self.filter.solve(wanted, gradients, bounds, box, None, ceilings)
         self.distances.append(float(pairs.distance.min()))
         self.results.append(found)
         self.commands.append(found.velocity)

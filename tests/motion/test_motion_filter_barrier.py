@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 
 from ssm_service.config import FilterConfig
 from ssm_service.errors import InputError
-from ssm_service.motion import VelocityFilter, approach_speeds, barrier_bounds, limit_velocity, velocity_box
+from ssm_service.motion import (
+    VelocityFilter,
+    approach_speeds,
+    barrier_bounds,
+    contact_bounds,
+    limit_velocity,
+    softness,
+    velocity_box,
+)
+from ssm_service.motion.barrier import YIELDING_M_S, YIELDING_SHARE
 
 CONFIG = FilterConfig(margin_m=0.03, approach_gain=3.0, influence_distance_m=0.6, retreat_speed_m_s=0.5)
 N = 6
@@ -62,6 +71,39 @@ def test_nearer_or_faster_never_admits_more(distance, more, approach, faster):
     assert bounds[0] <= bounds[1]
     assert bounds[2] <= bounds[0]
     assert (bounds >= -0.5).all()
+
+
+def test_the_ceiling_is_the_contact_distance_and_never_asks_for_a_retreat():
+    distance = np.array([0.003, 0.103, 0.103, 0.103, 0.0, -0.2, 0.61, -math.inf])
+    approach = np.array([0.0, 0.0, 0.4, -0.4, 0.0, 0.5, 0.0, 0.0])
+    expected = [0.0, 1.0, 0.6, 1.0, 0.0, 0.0, math.inf, 0.0]
+    np.testing.assert_allclose(contact_bounds(distance, approach, CONFIG), expected, atol=1e-15)
+
+
+@SEEDED
+@given(st.floats(-0.5, 0.59), st.floats(-1, 1))
+def test_the_ceiling_is_never_below_the_bound(distance, approach):
+    pair = np.array([distance]), np.array([approach])
+    assert contact_bounds(*pair, CONFIG)[0] >= barrier_bounds(*pair, CONFIG)[0]
+
+
+def test_margins_are_softer_for_who_is_not_threatened():
+    """A full threat, half of one, what stands, what leaves, and what comes from far away."""
+    bounds = np.array([-0.2, -0.025, -0.1, -0.1, 0.4])
+    approach = np.array([0.3, 0.1, 0.0, -0.2, 0.1])
+    expected = 0.01 * (1.0 + YIELDING_SHARE * np.array([0.0, 0.5, 1.0, 1.0, 1.0]))
+    np.testing.assert_allclose(softness(bounds, approach, 0.01), expected)
+    np.testing.assert_array_equal(softness(bounds[2:], approach[2:], 0.01), np.full(3, 0.01))
+    assert softness(np.empty(0), np.empty(0), 0.01).shape == (0,)
+    for more in (1e-9, -1e-9):  # no jump where the threat begins
+        near = softness(np.array([-0.1, -0.1]), np.array([more, 0.0]), 0.01)
+        np.testing.assert_allclose(near, 0.01, rtol=YIELDING_SHARE / YIELDING_M_S * 2e-9)
+
+
+@pytest.mark.parametrize("change", [{"contact_m": 0.04}, {"contact_gain": 2.0}])
+def test_the_contact_distance_is_within_the_margin_and_stiffer(change):
+    with pytest.raises(ValueError, match="must not be above"):
+        FilterConfig(**change)
 
 
 def test_approach_is_the_part_of_the_obstacles_velocity_along_the_normal():

@@ -1,0 +1,163 @@
+"""The rows of the programme of ``filter``: every pair of links, or of link and obstacle, that can matter.
+
+A row binds only where the pair can come nearer faster than it may. A lever times its joint's speed bounds how
+fast any point of a link moves, so most pairs are told from their distance alone not to matter; only of the
+others points, normals and gradients are asked. The solution is that of all rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import DistanceModel, Obstacle, Pairs, Robot, closing_gradients, moved_by
+from ..motion import approach_speeds, barrier_bounds, contact_bounds
+from ..motion.self_collision import SelfCollision, link_levers
+from .decision import Nearest
+from .snapshot import Snapshot
+
+Array = NDArray[np.float64]
+
+MOST_EXACT: Final = 4
+"""Pairs of a tick that are measured to the link's triangles, the nearest ones.
+
+The hulls alone would do: they are never too far."""
+
+EXACT_BELOW_M: Final = 0.06
+"""Beyond this the hull's few millimetres make no difference."""
+
+
+class Rows(NamedTuple):
+    """The programme's p rows.
+
+    Attributes:
+        gradients: (p, n) g [m/rad].
+        bounds: (p,) b [m/s].
+        ceilings: (p,) c [m/s].
+        approach: (p,) the obstacle's own speed towards the link [m/s].
+        normals: (p, 3) unit, from the obstacle to the link, base frame; 0 for a pair of links.
+    """
+
+    gradients: Array
+    bounds: Array
+    ceilings: Array
+    approach: Array
+    normals: Array
+
+
+class RowMaker:
+    """Makes the rows of each tick.
+
+    Tracked obstacles enter with their velocities; one whose velocity nobody knows counts as standing, as the
+    zones and the profile's separation answer for what it may do. What a ring sees nearest is one pair more.
+
+    Args:
+        robot: The robot.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._config = robot.config.file.motion.filter
+        links = {*robot.monitored_links, *(array.link for array in robot.sensor_arrays)}
+        self._moved = {link: moved_by(robot, link) for link in links}
+        self._moved_rows = np.array([self._moved[link] for link in robot.monitored_links])
+        self._levers = link_levers(robot)
+        self._robot = robot
+        self._itself: SelfCollision | None = None
+        self._obstacles: Sequence[Obstacle] = ()
+        self._velocities, self._speeds = np.empty((0, 3)), np.empty(0)
+
+    def prepare(self) -> SelfCollision:
+        """Do now what the first rows would have to wait for."""
+        if self._itself is None:
+            self._itself = SelfCollision(self._robot)
+        return self._itself
+
+    def rows(self, snapshot: Snapshot, speeds: Array, distances: DistanceModel) -> Rows:
+        """Return every row that can bind.
+
+        Args:
+            snapshot: Robot and surroundings; its pairs are located and refined where needed.
+            speeds: (n,) greatest size of each joint's velocity that counts [rad/s].
+            distances: Measured the pairs.
+        """
+        found = [self._of_itself(snapshot, speeds)]
+        if snapshot.pairs is not None and len(snapshot.pairs):
+            found.append(self._tracked(snapshot, snapshot.pairs, speeds, distances))
+        found += [self._seen(snapshot, thing) for thing in snapshot.things if thing.source == "ranges"]
+        found = [one for one in found if len(one.bounds)] or found[:1]
+        if len(found) == 1:
+            return found[0]
+        return Rows(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+    def _tracked(self, snapshot: Snapshot, pairs: Pairs, speeds: Array, distances: DistanceModel) -> Rows:
+        config, distance = self._config, pairs.distance
+        if snapshot.obstacles is not self._obstacles:
+            self._obstacles = snapshot.obstacles
+            self._velocities = np.array([one.velocity or (0.0, 0.0, 0.0) for one in snapshot.obstacles])
+            self._speeds = np.sqrt((self._velocities * self._velocities).sum(axis=1))
+        reach = self._levers @ speeds
+        least = config.approach_gain * (distance - config.margin_m) - self._speeds[pairs.obstacle]
+        # NaN is not beyond anything: it is looked at and refused.
+        beyond = (least >= reach[pairs.link]) | (distance >= config.influence_distance_m)
+        near = (~beyond).nonzero()[0]
+        if not len(near):
+            return _none(len(speeds))
+        self._measure(pairs, near, distances)
+        normals = pairs.normal[near]
+        approach = approach_speeds(normals, self._velocities[pairs.obstacle[near]])
+        moved = self._moved_rows[pairs.link[near]]
+        return self._made(snapshot, moved, distance[near], pairs.point_on_link[near], normals, approach)
+
+    @staticmethod
+    def _measure(pairs: Pairs, near: NDArray[np.intp], distances: DistanceModel) -> None:
+        """Give pairs their points, and measure the nearest of them to the triangles."""
+        inexact = near[(pairs.distance[near] < EXACT_BELOW_M) & ~pairs.exact[near]]
+        if len(inexact) > MOST_EXACT:
+            inexact = inexact[np.argsort(pairs.distance[inexact], kind="stable")[:MOST_EXACT]]
+        if len(inexact):
+            distances.refine(pairs, inexact.tolist())
+        distances.locate(pairs, near)
+
+    def _seen(self, snapshot: Snapshot, thing: Nearest) -> Rows:
+        moved = self._moved[thing.link][np.newaxis]
+        points, normals = thing.point_on_link[np.newaxis], thing.normal[np.newaxis]
+        return self._made(snapshot, moved, np.array([thing.distance]), points, normals, np.zeros(1))
+
+    def _made(
+        self,
+        snapshot: Snapshot,
+        moved: NDArray[np.bool_],
+        distance: Array,
+        points: Array,
+        normals: Array,
+        approach: Array,
+    ) -> Rows:
+        return Rows(
+            gradients=closing_gradients(snapshot.kinematics.spatial_jacobian, moved, points, normals),
+            bounds=barrier_bounds(distance, approach, self._config),
+            ceilings=contact_bounds(distance, approach, self._config),
+            approach=approach,
+            normals=normals,
+        )
+
+    def _of_itself(self, snapshot: Snapshot, speeds: Array) -> Rows:
+        """Return the rows of the links against each other, which are not soft and never ask for a retreat.
+
+        The links know where they are: the barrier's gain is that of the contact distance.
+        """
+        margin, gain = self._config.self_margin_m, self._config.contact_gain
+        spatial = snapshot.kinematics.spatial_jacobian
+        distance, gradients = self.prepare().rows(snapshot.joints.position, spatial, speeds, margin, gain)
+        count = len(distance)
+        if not count:
+            return _none(len(speeds))
+        bounds = np.maximum(gain * (distance - margin), 0.0)
+        return Rows(gradients, bounds, bounds, np.zeros(count), np.zeros((count, 3)))
+
+
+def _none(count: int) -> Rows:
+    """Return no rows for so many joints."""
+    return Rows(np.empty((0, count)), np.empty(0), np.empty(0), np.empty(0), np.empty((0, 3)))
