@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import threading
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +18,9 @@ from .describe import Phrase, Place
 from .schema import RobotConfig, RobotFile
 
 T = TypeVar("T")
+
+# msgspec (0.22) works out what it must know of a type on first use, and crashes where two threads do so.
+_ONE_AT_A_TIME = threading.Lock()
 
 
 def robots_directory() -> Path:
@@ -50,6 +54,11 @@ def load_toml(path: Path, kind: type[T]) -> T:
         ConfigError: As for ``load_robot_config``.
     """
     document = _parsed(path, _text(path))
+    with _ONE_AT_A_TIME:
+        return _converted(path, document, kind)
+
+
+def _converted(path: Path, document: dict[str, Any], kind: type[T]) -> T:
     info = inspect.type_info(kind)
     if not document and isinstance(info, inspect.StructType):
         required = [field.encode_name for field in info.fields if field.required]

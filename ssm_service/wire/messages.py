@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
+from msgspec.json import Decoder
 
 from ..config import ControllerName
 
@@ -442,6 +443,10 @@ ALL: tuple[type[Message], ...] = (
     ResetReply,
 )
 """Every message with a schema of its own."""
+
+for _kind in ALL:
+    # msgspec (0.22) works out what it must know of a type on first use, and crashes where two threads do so.
+    Decoder(_kind)
 
 VERSION = 1
 """Version of every message here."""

@@ -23,6 +23,9 @@ class _Head(msgspec.Struct, frozen=True):
     seq: int = 0
 
 
+_HEAD = msgspec.json.Decoder(_Head)
+
+
 @dataclass(frozen=True, slots=True)
 class Opened(Generic[M]):
     """A message that may be believed to be what its producer sent.
@@ -54,7 +57,6 @@ class SealedDecoder(Generic[M]):
         self.key = key
         self._limit = limit
         self._decoder: Decoder[M] = Decoder(kind, limit)
-        self._head = msgspec.json.Decoder(_Head)
 
     def decode(self, payload: bytes, attachment: bytes | None, *, required: bool) -> Opened[M]:
         """Return the message.
@@ -85,7 +87,7 @@ class SealedDecoder(Generic[M]):
 
     def _verify_head(self, said: Attachment, payload: bytes) -> None:
         try:
-            head = self._head.decode(payload)
+            head = _HEAD.decode(payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             head = _lenient_head(payload)
         verify(said, self.key, head.producer, head.seq, payload)
