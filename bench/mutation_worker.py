@@ -3,8 +3,7 @@
 A program of its own, started in a copy of the tree: ``mutation_worker.py PLAN`` (JSON, see `main`). mutmut
 makes the mutants; starting pytest for each of them, as it does, takes longer here than the tests that notice.
 Each test is first run once without a mutant, to see which functions it reaches. Then each mutant is shown to
-the tests that reach it, the quick ones first, until one fails. Before that, a fork without a mutant must pass
-them all.
+the tests that reach it, the quick ones first, until one fails; which must pass in a fork without a mutant.
 """
 
 from __future__ import annotations
@@ -72,9 +71,9 @@ class Running:
     folder: Path
 
     @property
-    def test(self) -> str:
-        """Name of the test that it is at."""
-        return (self.folder / "test").read_text(encoding="utf-8").strip()
+    def test(self) -> int:
+        """Number of the test that it is at, among all that were collected."""
+        return int((self.folder / "test").read_text(encoding="utf-8"))
 
 
 class Tester:
@@ -86,7 +85,7 @@ class Tester:
         self.seen: dict[str, dict[str, Any]] = plan["seen"]
         self.shared: dict[tuple[str, str], set[str]] = {}
         self.running: dict[int, Running] = {}
-        self.error = ""
+        self.passing: set[int] = set()
         self.noticed: dict[str, Counter[str]] = defaultdict(Counter)
 
     def pytest_sessionstart(self) -> None:
@@ -124,7 +123,8 @@ class Tester:
             for module, names in self.names.items()
         }
         self._warm(session)
-        self._control([item for of in chosen.values() for items in of.values() for item in items])
+        self.items = session.items
+        self.number = {item.nodeid: index for index, item in enumerate(session.items)}
         gc.freeze()  # what is here by now is never freed: forks need not copy it to look through it
         for module, of in chosen.items():
             self._module(module, of)
@@ -177,13 +177,14 @@ class Tester:
         while self.running:
             self._collect()
 
-    def _control(self, items: Sequence[pytest.Item]) -> None:
-        """Run the tests in a fork without a mutant: if they failed there, all mutants would look noticed."""
-        self._start("", self._ordered(dict.fromkeys(items)))
-        while self.running:
+    def _control(self, test: int) -> None:
+        """Run a test that noticed a mutant in a fork without one: failing there too, it noticed nothing."""
+        if test in self.passing:
+            return
+        self.passing.add(test)
+        pid = self._start("", [self.items[test]])
+        while pid in self.running:
             self._collect()
-        if self.error:
-            raise pytest.UsageError(self.error)
 
     def _reaching(self, session: pytest.Session, function: str) -> list[pytest.Item]:
         return self._ordered(item for item in session.items if function in self.seen[item.nodeid]["reached"])
@@ -200,14 +201,14 @@ class Tester:
 
         return sorted(items, key=key)
 
-    def _start(self, name: str, items: Sequence[pytest.Item]) -> None:
+    def _start(self, name: str, items: Sequence[pytest.Item]) -> int:
         cpu, wall = (sum(self.seen[item.nodeid][kind] for item in items) for kind in ("cpu", "wall"))
         folder = Path(tempfile.mkdtemp(prefix="mutant-"))
         pid = os.fork()
         if pid:
             limit = time.monotonic() + WALL_S[0] + WALL_S[1] * wall
             self.running[pid] = Running(name, time.monotonic(), limit, folder)
-            return
+            return pid
         with _ending():
             set_mutant_under_test(name)
             os.environ["PYTEST_DEBUG_TEMPROOT"] = str(folder)
@@ -215,7 +216,7 @@ class Tester:
             resource.setrlimit(resource.RLIMIT_CPU, (most, most + 5))
             at = os.open(folder / "test", os.O_CREAT | os.O_WRONLY)
             for item, following in _pairs(items):
-                os.pwrite(at, item.nodeid.encode()[:2000].ljust(2000), 0)
+                os.pwrite(at, f"{self.number[item.nodeid]:9d}".encode(), 0)
                 if _fails(item, following):
                     os._exit(1)
             os._exit(0)
@@ -228,19 +229,21 @@ class Tester:
             if late:
                 os.kill(pid, signal.SIGKILL)
             ended, status = os.waitpid(pid, 0 if late else os.WNOHANG)
-            if not ended:
-                continue
-            del self.running[pid]
-            code = os.waitstatus_to_exitcode(status)
-            if late or code in (-signal.SIGXCPU, -signal.SIGKILL):
-                verdict = "timeout"
-            else:
-                verdict = "segfault" if code < 0 else "killed" if code else "survived"
-            if one.mutant:
-                self._note(one.mutant, verdict, one.test if verdict != "survived" else "", one.begin)
-            elif verdict != "survived":
-                self.error = f"without a mutant, in a fork: {verdict} at {one.test}"
-            shutil.rmtree(one.folder, ignore_errors=True)
+            if ended:
+                del self.running[pid]
+                self._ended(one, "timeout" if late else _verdict(status))
+                return
+
+    def _ended(self, one: Running, verdict: str) -> None:
+        noticed = verdict != "survived"
+        test = self.items[one.test].nodeid
+        if noticed and not one.mutant:
+            raise pytest.UsageError(f"without a mutant, in a fork: {verdict} at {test}")
+        if noticed:
+            self._control(one.test)
+        if one.mutant:
+            self._note(one.mutant, verdict, test if noticed else "", one.begin)
+        shutil.rmtree(one.folder, ignore_errors=True)
 
     def _note(self, mutant: str, status: str, by: str, begin: float | None = None) -> None:
         if by:
@@ -262,6 +265,13 @@ class _ending:
 
     def __exit__(self, *_: object) -> None:
         os._exit(3)
+
+
+def _verdict(status: int) -> str:
+    code = os.waitstatus_to_exitcode(status)
+    if code in (-signal.SIGXCPU, -signal.SIGKILL):
+        return "timeout"
+    return "segfault" if code < 0 else "killed" if code else "survived"
 
 
 def _taken() -> set[str]:
