@@ -1,6 +1,6 @@
 """Tests the mutants of one room, each in a fork of one process that collected the tests once.
 
-A program of its own, started in a copy of the tree: ``mutation_worker.py PLAN`` (JSON, see `main`). mutmut
+A program of its own, started in a copy of the tree: ``mutation_worker.py PLAN`` (JSON, see `work`). mutmut
 makes the mutants; starting pytest for each of them, as it does, takes longer here than the tests that notice.
 Each test is first run once without a mutant, to see which functions it reaches. Then each mutant is shown to
 the tests that reach it, the quick ones first, until one fails; which must pass in a fork without a mutant.
@@ -313,7 +313,7 @@ def _hypothesis() -> None:
     settings.load_profile("mutation")
 
 
-def main() -> int:
+def work() -> int:
     """Follow a plan, a JSON object.
 
     What is read: ``modules`` and ``tests`` (from the root of the tree); ``without`` (beginnings of names of
@@ -341,4 +341,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(work())
