@@ -125,6 +125,7 @@ def misdirected(message: Message, name: str, rng: random.Random, others: list[Me
 
     Either another robot's of the same kind, or, where there is one, another key's of this robot.
     """
+    others = [other for other in others if other.key != message.key]  # an answer has its query's address
     if others and rng.random() < 0.5:
         other = rng.choice(others)
         return replace(other, key=message.key)

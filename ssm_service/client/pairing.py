@@ -33,7 +33,8 @@ class Pairing:
 
     Args:
         producer: The producer.
-        floor: Ticks up to this one are passed over without a word: they were decided before the proof.
+        floor: Ticks up to this one were decided before the proof. They are passed over without a word until
+            the first later one of their kind; what comes out of its order after that is refused.
     """
 
     def __init__(self, producer: str, floor: int) -> None:
@@ -55,7 +56,7 @@ class Pairing:
                 differ in what both of them say.
         """
         newest = self._newest[type(message)]
-        if message.seq <= self._floor:
+        if message.seq <= self._floor == newest:
             return None
         if message.seq <= newest:
             raise old_seq(message.seq, newest)

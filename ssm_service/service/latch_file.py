@@ -156,9 +156,9 @@ class LatchFile:
                 return
 
     def _again(self, state: LatchState) -> bool:
-        """Have a state that failed written again after a while; return whether there is one more attempt."""
+        """Have a failed state written after a while, or a newer one at once; return whether it will be."""
         with self._changed:
-            self._changed.wait_for(lambda: self._ending, RETRY_S)
+            self._changed.wait_for(lambda: self._ending or self._waiting is not None, RETRY_S)
             self._waiting = self._waiting or state
             self._changed.notify_all()
             return not self._ending

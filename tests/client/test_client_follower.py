@@ -144,6 +144,16 @@ def test_after_a_pause_the_backlog_is_dropped_and_the_proof_asked_for_anew(bench
     assert followed.expires_ns == 4 * MS + gap + VALID_NS
 
 
+def test_what_came_before_the_proof_is_passed_over_only_until_something_later_has_come(bench):
+    bench.zones.waiting += [zone(9), zone(10)]  # still under way when tick 10 was the answer
+    bench.follower.poll(2 * MS)
+    assert not bench.follower.watchdog.rejected
+    bench.send(11)
+    bench.zones.waiting.append(zone(10))
+    assert not bench.follower.poll(4 * MS).stopped_by_consumer
+    assert bench.follower.watchdog.rejected == {"old_seq": 1}
+
+
 def test_a_pause_hides_nothing_that_is_wrong_with_what_waited(bench):
     bench.send(11)
     bench.follower.poll(2 * MS)

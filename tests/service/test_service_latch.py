@@ -184,6 +184,22 @@ def test_a_full_disk_is_said_and_written_once_there_is_room(said, tmp_path, monk
     watch.close()
 
 
+def test_a_new_state_does_not_wait_for_the_next_attempt_at_an_older_one(said, tmp_path, monkeypatch):
+    path = tmp_path / "ur3.json"
+    monkeypatch.setattr(latch_file, "RETRY_S", 300.0)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
+    try:
+        watch = said.watch(path)
+        wait_for(lambda: said.warnings)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    for _ in range(2):
+        watch.add("corruption", "in/joints", time.monotonic_ns())
+    wait_for(lambda: path.exists() and content(path)["latched"] == watch.latched)
+    watch.close()
+
+
 def test_a_disk_that_does_not_take_it_is_said_and_it_is_written_again(said, tmp_path, monkeypatch):
     path, refusing, real, asked = tmp_path / "ur3.json", threading.Event(), os.fsync, []
 
