@@ -142,7 +142,7 @@ MUTANTS: tuple[Mutant, ...] = (
            change=lambda original: lambda self, zone: original(self, min(zone, Zone.YELLOW)), profiles=STEPS),
     Mutant(name="twice the acceleration", target=LIMIT, change=_argument("acceleration", lambda a: 2.0 * a)),
     Mutant(name="no margin at the joints' ends", target=LIMIT, change=_argument("margin", lambda _: 0.0)),
-    Mutant(name="locked joints move", target="ssm_service.monitor.monitor.wanted_velocity",
+    Mutant(name="locked joints move", target="ssm_service.monitor.methods.Methods.wanted",
            change=_result(lambda wanted: wanted + np.eye(6)[3] / 100.0)),
     Mutant(name="the tracker's age does not matter", target=STEP,
            change=_received("obstacles", age_s=_younger), profiles=ISO),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from bench.decision import WITHIN, hunt, hunts
-from bench.decision_mutants import MUTANTS
+from bench.decision_mutants import MUTANTS, planted
 from bench.decision_run import Task, compare
 from bench.decision_scenes import VARIANTS
 
@@ -25,6 +26,14 @@ def test_both_decisions_are_the_same(variant):
     assert outcome.ticks == TICKS
     assert outcome.edges < 0.02 * TICKS
     assert sum(count > 0 for count in outcome.zones.values()) >= 2
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
+def test_what_is_planted_replaces_a_function_that_is_there_and_leaves_with_the_context(mutant):
+    before = resolve_name(mutant.target)
+    with planted(mutant):
+        assert resolve_name(mutant.target) is not before
+    assert resolve_name(mutant.target) is before
 
 
 @pytest.mark.parametrize("name", HUNTED)
