@@ -244,7 +244,7 @@ class DistanceModel:
             distance = np.empty(0)
         link, obstacle = _indices(len(self._parts_of_link), obstacles)
         if within < math.inf:
-            near = (distance < within).nonzero()[0]
+            near = (~(distance >= within)).nonzero()[0]  # what is no number stays in
             link, obstacle, distance = link[near], obstacle[near], distance[near]
         nowhere = np.full((3, len(distance), 3), math.nan)
         found = Pairs(

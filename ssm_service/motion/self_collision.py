@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..model import Robot, closing_gradients, moved_by
+from ..model import Robot, moved_by
 from ..model.hulls import build_parts
 
 Array = NDArray[np.float64]
@@ -98,43 +98,6 @@ class SelfCollision:
         q = self._robot.pinocchio_configuration(position)
         found = pin.computeCollisions(self._robot.model, self._data, self._model, self._geometry, q, True)
         return bool(found)
-
-    def near(
-        self, position: NDArray[np.float64], spatial: NDArray[np.float64], within: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the distances of the links to each other and how they close, for use as pairs of a filter.
-
-        Args:
-            position: (n,) [rad or m].
-            spatial: (6, n), ``Kinematics.spatial_jacobian`` at this position.
-            within: Pairs of pieces farther apart are left out [m].
-
-        Returns:
-            (p,) distances [m], negative in penetration, and (p, n) g: at q̇ a pair closes at ``g·q̇`` [m/s].
-
-        Raises:
-            InputError: ``wrong_length`` or ``not_finite``.
-        """
-        q = self._robot.pinocchio_configuration(position)
-        pin.computeDistances(self._robot.model, self._data, self._model, self._geometry, q)
-        found = [
-            (result, *pair)
-            for result, pair, active in zip(
-                self._geometry.distanceResults, self._pairs, self._geometry.activeCollisionPairs, strict=True
-            )
-            if active and result.min_distance <= within
-        ]
-        if not found:
-            return np.empty(0), np.empty((0, len(position)))
-        distance = np.array([result.min_distance for result, _, _ in found])
-        on_one = np.array([result.getNearestPoint1() for result, _, _ in found])
-        on_other = np.array([result.getNearestPoint2() for result, _, _ in found])
-        # Coal's normal points from the first to the second, in penetration as well.
-        normals = -np.array([result.normal for result, _, _ in found])
-        one, other = self._moved[[a for _, a, _ in found]], self._moved[[b for _, _, b in found]]
-        gradients = closing_gradients(spatial, one, on_one, normals)
-        gradients += closing_gradients(spatial, other, on_other, -normals)
-        return distance, gradients
 
     def rows(
         self, position: Array, spatial: Array, speeds: Array, margin: float, gain: float

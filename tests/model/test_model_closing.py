@@ -150,6 +150,17 @@ def test_gradients_are_those_of_the_distance(robot: Robot, model: DistanceModel,
     assert seen >= 0.97 * 8 * 6 * 8
 
 
+def test_a_distance_that_is_no_number_is_within_any(
+    robot: Robot, model: DistanceModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model.set_obstacles(around(np.random.default_rng(3)))
+    count = len(model.pairs(np.zeros(6)))
+    scene = type(model._scene)
+    real = scene.compute
+    monkeypatch.setattr(scene, "compute", lambda self, q: [np.nan] * len(real(self, q)))
+    assert len(model.pairs(np.zeros(6), within=0.1, located=False)) == count
+
+
 def test_gradients_are_the_velocity_of_the_point_along_the_normal(robot: Robot) -> None:
     random = np.random.default_rng(3)
     for link in robot.monitored_links:

@@ -161,15 +161,22 @@ def test_folded_arm_touches_itself_and_the_start_is_believed(robot: Robot) -> No
     assert not SelfCollision(robot, folded).touches(folded)
 
 
+def rows_within(
+    itself: SelfCollision, robot: Robot, position: np.ndarray, within: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distances and gradients of the pairs that are nearer, whatever the joints' speeds."""
+    return itself.rows(position, robot.kinematics(position).spatial_jacobian, np.zeros(6), within, 1.0)
+
+
 def test_gradients_between_own_links_are_those_of_their_distances(robot: Robot) -> None:
     rng, step, seen = np.random.default_rng(4), 1e-3, 0
     itself = SelfCollision(robot, START)
     for _ in range(12):
         position = rng.uniform(-2.5, 2.5, 6)
-        distance, gradients = itself.near(position, robot.kinematics(position).spatial_jacobian, 9.0)
+        distance, gradients = rows_within(itself, robot, position, 9.0)
         velocity = rng.normal(size=6)
         ahead, behind = (
-            itself.near(one, robot.kinematics(one).spatial_jacobian, 9.0)[0]
+            rows_within(itself, robot, one, 9.0)[0]
             for one in (position + step * velocity, position - step * velocity)
         )
         clear = distance > 0.01
@@ -182,13 +189,12 @@ def test_gradients_between_own_links_are_those_of_their_distances(robot: Robot) 
 
 
 def test_only_near_links_are_returned(robot: Robot) -> None:
-    spatial = robot.kinematics(START).spatial_jacobian
     itself = SelfCollision(robot, START)
-    every, _ = itself.near(START, spatial, 9.0)
-    some, gradients = itself.near(START, spatial, float(np.median(every)))
+    every, _ = rows_within(itself, robot, START, 9.0)
+    some, gradients = rows_within(itself, robot, START, float(np.median(every)))
     assert 0 < len(some) < len(every)
     assert gradients.shape == (len(some), 6)
-    none, gradients = itself.near(START, spatial, 0.0)
+    none, gradients = rows_within(itself, robot, START, 0.0)
     assert none.shape == (0,)
     assert gradients.shape == (0, 6)
 

@@ -7,6 +7,8 @@ import os
 import resource
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -164,19 +166,26 @@ def test_a_file_in_the_folders_place_holds_nothing_and_is_said(said, tmp_path):
     watch.close()
 
 
-def test_a_full_disk_is_said_and_written_once_there_is_room(said, tmp_path, monkeypatch):
-    path = tmp_path / "ur3.json"
-    monkeypatch.setattr(latch_file, "RETRY_S", 0.02)
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """No file of this process may take a byte."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
     try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_full_disk_is_said_and_written_once_there_is_room(said, tmp_path, monkeypatch):
+    path = tmp_path / "ur3.json"
+    monkeypatch.setattr(latch_file, "RETRY_S", 0.02)
+    with full_disk():
         watch = said.watch(path)
         for _ in range(2):
             watch.add("corruption", "in/joints", time.monotonic_ns())
         wait_for(lambda: len(said.warnings) > 2)
         left = list(tmp_path.iterdir())
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert set(said.warnings) == {f"a latched stop would not outlive this process: {path}: File too large"}
     assert left == []  # no half of a file
     wait_for(path.exists)
@@ -187,13 +196,9 @@ def test_a_full_disk_is_said_and_written_once_there_is_room(said, tmp_path, monk
 def test_a_new_state_does_not_wait_for_the_next_attempt_at_an_older_one(said, tmp_path, monkeypatch):
     path = tmp_path / "ur3.json"
     monkeypatch.setattr(latch_file, "RETRY_S", 300.0)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limits[1]))
-    try:
+    with full_disk():
         watch = said.watch(path)
         wait_for(lambda: said.warnings)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     for _ in range(2):
         watch.add("corruption", "in/joints", time.monotonic_ns())
     wait_for(lambda: path.exists() and content(path)["latched"] == watch.latched)
