@@ -45,8 +45,7 @@ class Filter:
     def velocity(self, state: State) -> Array:
         """Return the velocity that the programme leaves."""
         led = None if self.rescue is None else self.rescue.wanted(state)
-        pairs = state.sight.pairs(state.robot.config.file.motion.filter.influence_distance_m)
-        snapshot = snapshot_of(state, "filter", led, pairs)
+        snapshot = snapshot_of(state, "filter", led)
         wanted = self._methods.wanted(snapshot)
         return self._filtering.step(
             snapshot, wanted, state.previous, state.speed_limit, state.sight.distances

@@ -48,6 +48,6 @@ class Sight:
         """The exact distance of the nearest pair [m]; infinite without obstacles."""
         return math.inf if self.nearest is None else self.nearest.distance
 
-    def pairs(self, within: float = math.inf) -> Pairs:
-        """Return all pairs nearer than this [m], by the hulls."""
-        return self.distances.pairs(self.position, within)
+    def pairs(self) -> Pairs:
+        """Return all pairs, by the hulls."""
+        return self.distances.pairs(self.position)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssm_service.config import ControllerName
-from ssm_service.model import Kinematics, Obstacle, Pairs, Robot
+from ssm_service.model import Kinematics, Obstacle, Robot
 from ssm_service.monitor import JointSample, Target
 from ssm_service.monitor.assess import nearest_by_obstacles
 from ssm_service.monitor.decision import Nearest
@@ -89,9 +89,7 @@ class Service:
         return self._methods.wanted(snapshot_of(state, self._controller))
 
 
-def snapshot_of(
-    state: State, controller: ControllerName, velocity: Array | None = None, pairs: Pairs | None = None
-) -> Snapshot:
+def snapshot_of(state: State, controller: ControllerName, velocity: Array | None = None) -> Snapshot:
     """Return what the service's methods look at; with ``velocity``, a target of the joints' velocity."""
     if velocity is None:
         target = Target(kind="position", value=state.goal, controller=controller)
@@ -104,5 +102,4 @@ def snapshot_of(
         nearest=state.nearest,
         ranges=state.ranges,
         obstacles=state.obstacles,
-        pairs=pairs,
     )

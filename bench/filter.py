@@ -32,6 +32,7 @@ from ssm_service.motion import (
     velocity_box,
 )
 from ssm_service.motion.filter import DAMPING_M_RAD
+from ssm_service.motion.self_collision import SelfCollision
 
 from .common import PERCENTILES, Report, Row, figure, parser, percentiles, progress
 from .filter_solvers import SOLVERS, Programme
@@ -41,7 +42,8 @@ Array = NDArray[np.float64]
 
 ROBOT = Path(__file__).parent / "avoidance_robot.toml"
 OBSTACLES = 10
-FARTHEST_M = 0.5
+FARTHEST_M = {"spread": 1.5, "crowd": 0.5}
+MOST_DRAWN = 4
 SPEED_M_S = 0.3
 PERIOD_S = 0.008
 MESSAGE_TICKS = 4
@@ -50,7 +52,7 @@ WARM_UP = 3
 
 TICKS = {"field": "`Monitor.step`, `field`", "filter": "`Monitor.step`, `filter`"}
 PARTS = {
-    "pairs": "all pairs by their hulls and the nearest exactly",
+    "nearest": "nearest pair exactly",
     "rows": "rows of the pairs that can matter, also of link and link",
     "box": "box of the joints",
     "programme": "programme",
@@ -58,13 +60,14 @@ PARTS = {
     "solved": "of these, solved",
 }
 NOTES = f"""\
-Runs of {RUN_TICKS} ticks of {PERIOD_S} s: the arm starts at a random position among {OBSTACLES} balls that \
-lie within {FARTHEST_M} m of it and fly straight at up to {SPEED_M_S} m/s; it obeys at once; a \
-new message of obstacles every {MESSAGE_TICKS} ticks. Both controllers take turns, run by run, in the same \
-scenes; each moves its own arm. The first {WARM_UP} ticks of a run are not counted.
-`field` measures the nearest pair only, `filter` all pairs; 'added' is the difference of the medians.
-The parts are those of another arm, driven by them alone without zones and at the speeds of its limits, so \
-that more rows can matter; their sum leaves out what the monitor does besides.
+Runs of {RUN_TICKS} ticks of {PERIOD_S} s: the arm starts at a random position at which it does not touch \
+itself, among {OBSTACLES} balls that lie within {FARTHEST_M["spread"]} m of it (`spread`, as in \
+`bench.tick`) or {FARTHEST_M["crowd"]} m (`crowd`) and fly straight at up to {SPEED_M_S} m/s; it obeys at \
+once; a new message of obstacles every {MESSAGE_TICKS} ticks. Both controllers take turns, run by run, in \
+the same scenes; each moves its own arm. The first {WARM_UP} ticks of a run are not counted.
+`field` measures the nearest pair only, `filter` all that can matter; 'added' is the difference of medians.
+The parts are of `crowd`, and those of another arm, driven by them alone without zones and at the speeds of \
+its limits, so that more rows can matter; their sum leaves out what the monitor does besides.
 'rows': how many pairs went into the programme, on average over the ticks in which it was solved.
 The solvers get the same programmes, all rows, without retreats and without the check of the result; \
 'unsolved' are those that it calls unsolvable (each has a solution), and 'difference' is the greatest from \
@@ -107,11 +110,14 @@ class World:
         self.tick += 1
 
 
-def worlds(robot: Robot, count: int, seed: int) -> list[Callable[[], World]]:
-    """Return makers of so many worlds, each always the same."""
+def worlds(robot: Robot, count: int, seed: int, farthest_m: float) -> list[Callable[[], World]]:
+    """Return makers of so many worlds, each always the same; no arm touches itself at first."""
     rng = np.random.default_rng([seed, 17])
-    made = []
-    for scene in draw_scenes(robot, OBSTACLES, count, seed, FARTHEST_M):
+    itself = SelfCollision(robot)
+    made: list[Callable[[], World]] = []
+    for scene in draw_scenes(robot, OBSTACLES, MOST_DRAWN * count, seed, farthest_m):
+        if itself.touches(scene.position):
+            continue
         directions = rng.normal(size=(OBSTACLES, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         velocities = directions * rng.uniform(0.0, SPEED_M_S, (OBSTACLES, 1))
@@ -120,7 +126,7 @@ def worlds(robot: Robot, count: int, seed: int) -> list[Callable[[], World]]:
             return World(scene=scene, velocities=velocities)
 
         made.append(make)
-    return made
+    return made[:count]
 
 
 class Ticks:
@@ -205,11 +211,9 @@ class Parts:
             obstacles=world.obstacles,
         )
         stamps = [time.perf_counter_ns()]
-        pairs = self._distances.pairs(position, config.filter.influence_distance_m, located=False)
-        self._distances.nearest_of(pairs)
+        self._distances.nearest(position)
         stamps.append(time.perf_counter_ns())
-        snapshot = msgspec.structs.replace(snapshot, pairs=pairs)
-        rows = self._rows.rows(snapshot, robot.velocity_limit, self._distances)
+        rows = self._rows.rows(snapshot, self._rows.within(robot.velocity_limit), self._distances)
         stamps.append(time.perf_counter_ns())
         box = velocity_box(
             position[free],
@@ -231,7 +235,7 @@ class Parts:
 
     def _count(self, found: Filtered, stamps: Sequence[int], programme: Programme) -> None:
         taken = [after - before for before, after in pairwise(stamps)]
-        for name, value in zip(("pairs", "rows", "box", "programme"), taken, strict=True):
+        for name, value in zip(("nearest", "rows", "box", "programme"), taken, strict=True):
             self.times_ns[name].append(value)
         self.times_ns["free" if found.status == "free" else "solved"].append(taken[-1])
         self.kinds[found.status] = self.kinds.get(found.status, 0) + 1
@@ -275,11 +279,11 @@ def solver_rows(programmes: Sequence[Programme]) -> list[Row]:
     return table
 
 
-def measure(robot: Robot, ticks: int, seed: int) -> tuple[dict[str, Ticks], Parts]:
+def measure(robot: Robot, ticks: int, seed: int) -> tuple[dict[str, dict[str, Ticks]], Parts]:
     """Run everything; whoever is timed takes turns, run by run."""
     runs = [min(RUN_TICKS, ticks - done) for done in range(0, ticks, RUN_TICKS)]
-    makers = worlds(robot, len(runs), seed)
-    timed = {name: Ticks(robot, name) for name in TICKS}
+    makers = {place: worlds(robot, len(runs), seed, far) for place, far in FARTHEST_M.items()}
+    timed = {place: {name: Ticks(robot, name) for name in TICKS} for place in FARTHEST_M}
     parts = Parts(robot=robot)
     gc.collect()
     gc.freeze()
@@ -287,11 +291,12 @@ def measure(robot: Robot, ticks: int, seed: int) -> tuple[dict[str, Ticks], Part
     try:
         with progress() as bar:
             task = bar.add_task("runs", total=len(runs))
-            for index, (count, make) in enumerate(zip(runs, makers, strict=True)):
-                order = list(timed.values())
-                for one in order if index % 2 else order[::-1]:
-                    one.run(make(), count)
-                parts.run(make(), count)
+            for index, count in enumerate(runs):
+                for place, both in timed.items():
+                    order = list(both.values())
+                    for one in order if index % 2 else order[::-1]:
+                        one.run(makers[place][index](), count)
+                parts.run(makers["crowd"][index](), count)
                 gc.collect()
                 bar.advance(task)
     finally:
@@ -300,10 +305,12 @@ def measure(robot: Robot, ticks: int, seed: int) -> tuple[dict[str, Ticks], Part
     return timed, parts
 
 
-def rows(timed: dict[str, Ticks], parts: Parts) -> list[Row]:
+def rows(timed: dict[str, dict[str, Ticks]], parts: Parts) -> list[Row]:
     """Return the table's rows."""
-    table = [row(TICKS[name], one.times_ns) for name, one in timed.items()]
-    table[1]["added_us"] = table[1]["p50_us"] - table[0]["p50_us"]
+    table = []
+    for place, both in timed.items():
+        table += [row(f"{TICKS[name]}, {place}", one.times_ns) for name, one in both.items()]
+        table[-1]["added_us"] = table[-1]["p50_us"] - table[-2]["p50_us"]
     for name, text in PARTS.items():
         share = len(parts.times_ns[name]) / len(parts.times_ns["programme"])
         mean = float(np.mean(parts.rows)) if name == "solved" and parts.rows else None

@@ -45,6 +45,25 @@ def closing_gradients(spatial: Array, moved: NDArray[np.bool_], points: Array, n
     return gradients
 
 
+def greatest_speeds(spatial: Array, moving: Array, centres: Array, radii: Array) -> Array:
+    """Return a speed that no point of each ball exceeds, (k,) [m/s]; each moves with a rigid body of its own.
+
+    ``|v + ω × c| + |ω| r``: the speed of the centre, and of the farthest point about it.
+
+    Args:
+        spatial: (6, n), ``Kinematics.spatial_jacobian``.
+        moving: (k, n) velocities of the joints that move each ball, 0 for the others [rad/s].
+        centres: (k, 3), base frame [m].
+        radii: (k,) [m].
+    """
+    twists = moving @ spatial.T
+    linear, angular = twists[:, :3], twists[:, 3:]
+    linear = linear + angular[:, _NEXT] * centres[:, _LAST] - angular[:, _LAST] * centres[:, _NEXT]
+    squares = np.einsum("ij,ij->i", linear, linear), np.einsum("ij,ij->i", angular, angular)
+    speeds: Array = np.sqrt(squares[0]) + radii * np.sqrt(squares[1])
+    return speeds
+
+
 def point_jacobians(spatial: Array, moved: NDArray[np.bool_], points: Array) -> Array:
     """Return the Jacobians of points of one link, (c, 3, n) [m/rad].
 

@@ -5,22 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Final
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, listed
+from .closing import greatest_speeds
 from .exact import ExactTier, Measured
-from .hulls import Part, build_parts
+from .hulls import build_parts
 from .pairs import Pairs
 from .robot import Robot
 from .scene import Scene
+from .search import SLACK_M, Known, Search
 from .shapes import Obstacle
-from .witness import Vector, Witness
-
-_SLACK_M: Final = 5e-6  # GJK's hull distances exceed the mesh's by up to 1.7 µm
+from .witness import Vector, Witness, coal_vectors
 
 
 class ClosestPair(Struct, frozen=True, kw_only=True, eq=False):
@@ -68,13 +67,15 @@ class DistanceModel:
         self._part_of_piece = [part for part in self._parts for _ in part.pieces]
         self._parts_of_link = [[p for p in self._parts if p.link == link] for link in robot.monitored_links]
         self._first_of_link = [parts[0].first for parts in self._parts_of_link]
+        self._link_of_piece = np.array([part.link_index for part in self._part_of_piece], dtype=np.intp)
         self._in_pieces = [parts[-1].last > parts[0].first + 1 for parts in self._parts_of_link]
         self._scene = Scene(robot, self._parts)
         self._exact = ExactTier(self._scene)
         self._witness = Witness(self._scene)
         self._ids: tuple[str, ...] = ()
+        self.set_obstacles(())
         self._bounds: NDArray[np.float64] = np.empty((0, 0))
-        self._hulls: NDArray[np.float64] = np.empty((0, 0))
+        self._hulls: Known | Search = Known(np.empty((0, 0)))
         self._beside: dict[str, NDArray[np.bool_]] = {}
 
     @property
@@ -85,6 +86,8 @@ class DistanceModel:
     def set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
         """Replace all obstacles. Whatever is not in the new sequence is gone."""
         self._ids = tuple([obstacle.id for obstacle in obstacles])
+        none, nothing = np.empty(0, dtype=np.intp), np.empty((0, 3))
+        self._nowhere = self._pairs(none, none, np.empty(0), (nothing, nothing, nothing))
         self._scene.set_obstacles(obstacles)
 
     def nearest(self, position: ArrayLike, link: str | None = None) -> ClosestPair | None:
@@ -104,7 +107,7 @@ class DistanceModel:
         bounds = self._bounds = self._scene.place(q)
         if others is not None:
             bounds = np.where(others, math.inf, bounds)
-        found = self._least(_Search(self._scene, bounds))
+        found = self._least(Search(self._scene, bounds))
         return self._closest_pair(found) if found else None
 
     def distance_from(self, link: str) -> float | None:
@@ -122,7 +125,7 @@ class DistanceModel:
         others = self._pieces_beside(link)
         if not self._ids:
             return None
-        found = self._least(_Search(self._scene, np.where(others, math.inf, self._bounds)))
+        found = self._least(Search(self._scene, np.where(others, math.inf, self._bounds)))
         return found.distance if found else None
 
     def nearest_of(self, pairs: Pairs) -> ClosestPair | None:
@@ -133,8 +136,7 @@ class DistanceModel:
         """
         if not self._ids:
             return None
-        self._bounds = self._hulls
-        found = self._least(_Known(self._hulls))
+        found = self._least(self._hulls)
         if found is None:
             return None
         rows = ((pairs.link == found.part.link_index) & (pairs.obstacle == found.obstacle)).nonzero()[0]
@@ -144,13 +146,13 @@ class DistanceModel:
             _write(pairs, row, found.distance, vectors)
         return nearest
 
-    def _least(self, search: _Search | _Known) -> Measured | None:
+    def _least(self, search: Search | Known) -> Measured | None:
         first = search.nearest_hull()
         best = self._measure(first, search, math.inf)
         limit = best.distance if best else math.inf
         seen = {self._pair_of(first)}
-        for bound, index in search.hulls_below(limit + _SLACK_M):
-            if bound - _SLACK_M >= limit:
+        for bound, index in search.hulls_below(limit + SLACK_M):
+            if bound - SLACK_M >= limit:
                 break
             pair = self._pair_of(index)
             if pair not in seen:
@@ -176,7 +178,7 @@ class DistanceModel:
         if not self._ids:
             return np.empty((len(self._parts_of_link), 0))
         pieces = np.array(self._scene.compute(q)).reshape(len(self._ids), self._scene.piece_count)
-        bounds: NDArray[np.float64] = np.minimum.reduceat(pieces, self._first_of_link, axis=1).T - _SLACK_M
+        bounds: NDArray[np.float64] = np.minimum.reduceat(pieces, self._first_of_link, axis=1).T - SLACK_M
         return bounds
 
     def keeps(self, position: ArrayLike, clearance: float) -> bool:
@@ -194,11 +196,11 @@ class DistanceModel:
         q = self._robot.pinocchio_configuration(position)
         if not self._ids:
             return True
-        balls = self._scene.place(q).ravel() - _SLACK_M
+        balls = self._scene.place(q).ravel() - SLACK_M
         # not above or at it, so that what is no number is looked at
-        near = (~(balls - _SLACK_M >= clearance)).nonzero()[0]
+        near = (~(balls - SLACK_M >= clearance)).nonzero()[0]
         for index in near[np.argsort(balls[near])].tolist():
-            if not self._scene.measure(*divmod(index, self._scene.piece_count)) - _SLACK_M >= clearance:
+            if not self._scene.measure(*divmod(index, self._scene.piece_count)) - SLACK_M >= clearance:
                 return False
         return True
 
@@ -212,24 +214,19 @@ class DistanceModel:
             InputError: ``wrong_length`` or ``not_finite``.
         """
         q = self._robot.pinocchio_configuration(position)
-        hulls = self._scene.compute(q) if self._ids else []
-        pairs = []
-        count = self._scene.piece_count
-        for link in range(len(self._parts_of_link)):
-            for obstacle in range(len(self._ids)):
-                start = obstacle * count
-                nearest = self._exact_pair(link, obstacle, hulls[start : start + count])
-                pairs.append(self._closest_pair(nearest))
-        return pairs
+        hulls = np.array(self._scene.compute(q) if self._ids else []).reshape(-1, self._scene.piece_count)
+        known = Known(hulls)
+        return [
+            self._closest_pair(self._exact_pair(link, obstacle, known))
+            for link in range(len(self._parts_of_link))
+            for obstacle in range(len(self._ids))
+        ]
 
-    def pairs(self, position: ArrayLike, within: float = math.inf, *, located: bool = True) -> Pairs:
+    def pairs(self, position: ArrayLike) -> Pairs:
         """Return every monitored link with every obstacle by the hull pieces, in one call of Pinocchio.
 
         Args:
             position: (n,) [rad or m].
-            within: Pairs that are not nearer than this are left out [m].
-            located: Whether points and normals are wanted of all pairs. They cost most; without, ``locate``
-                gives those of some.
 
         Raises:
             InputError: ``wrong_length`` or ``not_finite``.
@@ -237,79 +234,118 @@ class DistanceModel:
         q = self._robot.pinocchio_configuration(position)
         obstacles, count = len(self._ids), self._scene.piece_count
         pieces = np.array(self._scene.compute(q) if obstacles else []).reshape(obstacles, count)
-        self._hulls = pieces
-        if obstacles:
-            distance = (np.minimum.reduceat(pieces, self._first_of_link, axis=1).T - _SLACK_M).ravel()
-        else:
-            distance = np.empty(0)
+        self._bounds, self._hulls = pieces, Known(pieces)
         link, obstacle = _indices(len(self._parts_of_link), obstacles)
-        if within < math.inf:
-            near = (~(distance >= within)).nonzero()[0]  # what is no number stays in
-            link, obstacle, distance = link[near], obstacle[near], distance[near]
-        nowhere = np.full((3, len(distance), 3), math.nan)
-        found = Pairs(
+        distance = np.empty(0)
+        if obstacles:
+            distance = (np.minimum.reduceat(pieces, self._first_of_link, axis=1).T - SLACK_M).ravel()
+        places = zip(link.tolist(), obstacle.tolist(), strict=True)
+        nearest = [self._nearest_piece(i, pieces[j]) for i, j in places]
+        return self._pairs(link, obstacle, distance, self._witness.of_hulls(nearest, obstacle.tolist()))
+
+    def below(self, position: ArrayLike, limits: NDArray[np.float64]) -> Pairs:
+        """Return the links and obstacles that are nearer by the hull pieces than a limit of their own.
+
+        Only what the balls round pieces and obstacles do not rule out is measured.
+
+        Args:
+            position: (n,) [rad or m].
+            limits: (n_links, n_obstacles) [m].
+
+        Raises:
+            InputError: ``wrong_length`` or ``not_finite``.
+        """
+        q = self._robot.pinocchio_configuration(position)
+        if not self._ids:
+            return self._nowhere
+        scene, of_piece, allowed = self._scene, self._link_of_piece, limits.T
+        balls = self._bounds = scene.place(q)
+        self._hulls = Search(scene, balls)
+        # Not at or above it, so that what is no number is looked at.
+        near = (~(balls - SLACK_M >= allowed[:, of_piece])).nonzero()
+        if not len(near[0]):
+            return self._nowhere
+        found: dict[tuple[int, int], tuple[float, int, tuple[Vector, Vector, Vector]]] = {}
+        for obstacle, piece in zip(near[0].tolist(), near[1].tolist(), strict=True):
+            distance = scene.measure(obstacle, piece) - SLACK_M
+            pair = int(of_piece[piece]), obstacle
+            if not (distance >= allowed[obstacle, pair[0]] or (pair in found and distance >= found[pair][0])):
+                found[pair] = distance, piece, coal_vectors(scene.result)
+        rows = sorted(found)
+        link, obstacles = np.array(rows, dtype=np.intp).reshape(-1, 2).T
+        pieces = [found[row][1] for row in rows]
+        vectors = self._witness.sound(pieces, obstacles.tolist(), [found[row][2] for row in rows])
+        return self._pairs(link, obstacles, np.array([found[row][0] for row in rows]), vectors)
+
+    def link_speeds(
+        self, position: ArrayLike, spatial: NDArray[np.float64], moved: NDArray[np.bool_], velocity: ArrayLike
+    ) -> NDArray[np.float64]:
+        """Return a speed that no point of each monitored link exceeds, (n_links,) [m/s].
+
+        Args:
+            position: (n,) [rad or m].
+            spatial: (6, n), ``Kinematics.spatial_jacobian`` there.
+            moved: (n_links, n) which joints move each link, from ``moved_by``.
+            velocity: (n,) of the joints [rad/s].
+
+        Raises:
+            InputError: ``wrong_length`` or ``not_finite``.
+        """
+        self._scene.place(self._robot.pinocchio_configuration(position))
+        centres, radii = self._scene.piece_centres(), self._scene.piece_radii
+        moving = moved[self._link_of_piece] * np.asarray(velocity)
+        speeds: NDArray[np.float64] = np.maximum.reduceat(
+            greatest_speeds(spatial, moving, centres, radii), self._first_of_link
+        )
+        return speeds
+
+    def refine(self, pairs: Pairs, rows: Sequence[int]) -> None:
+        """Measure some pairs to the links' triangles.
+
+        Args:
+            pairs: What ``pairs`` or ``below`` returned last; they are rewritten in place.
+            rows: Which of them.
+        """
+        for row in rows:
+            measured = self._exact_pair(int(pairs.link[row]), int(pairs.obstacle[row]), self._hulls)
+            _write(pairs, row, measured.distance, self._witness.of(measured))
+
+    def _pairs(
+        self,
+        link: NDArray[np.intp],
+        obstacle: NDArray[np.intp],
+        distance: NDArray[np.float64],
+        vectors: tuple[Vector, Vector, Vector],
+    ) -> Pairs:
+        return Pairs(
             links=self._robot.monitored_links,
             obstacles=self._ids,
             link=link,
             obstacle=obstacle,
             distance=distance,
             exact=np.zeros(len(distance), dtype=np.bool_),
-            point_on_link=nowhere[0],
-            point_on_obstacle=nowhere[1],
-            normal=nowhere[2],
-            located=np.zeros(len(distance), dtype=np.bool_),
+            point_on_link=vectors[0],
+            point_on_obstacle=vectors[1],
+            normal=vectors[2],
         )
-        if located:
-            self.locate(found, np.arange(len(distance)))
-            found.located = None
-        return found
 
-    def locate(self, pairs: Pairs, rows: NDArray[np.intp]) -> None:
-        """Give some pairs their points and normals.
+    def _nearest_piece(self, link: int, pieces: NDArray[np.float64]) -> int:
+        """Return the hull piece of a link that is nearest to an obstacle.
 
         Args:
-            pairs: What ``pairs`` returned last; they are rewritten in place.
-            rows: (k,) which of them; those that have them already keep them.
+            link: Its index.
+            pieces: (n_pieces,) distances of all pieces to the obstacle [m].
         """
-        if pairs.located is None:
-            return
-        rows = rows[~pairs.located[rows]]
-        if not len(rows):
-            return
-        links, obstacles, first = (
-            pairs.link[rows].tolist(),
-            pairs.obstacle[rows].tolist(),
-            self._first_of_link,
-        )
-        pieces = [
-            self._nearest_piece(link, obstacle) if self._in_pieces[link] else first[link]
-            for link, obstacle in zip(links, obstacles, strict=True)
-        ]
-        found = self._witness.of_hulls(pieces, obstacles)
-        pairs.point_on_link[rows], pairs.point_on_obstacle[rows], pairs.normal[rows] = found
-        pairs.located[rows] = True
+        first = self._first_of_link[link]
+        if not self._in_pieces[link]:
+            return first
+        return first + int(pieces[first : self._parts_of_link[link][-1].last].argmin())
 
-    def refine(self, pairs: Pairs, rows: Sequence[int]) -> None:
-        """Measure some pairs to the links' triangles.
-
-        Args:
-            pairs: What ``pairs`` returned last; they are rewritten in place.
-            rows: Which of them.
-        """
-        for row in rows:
-            link, obstacle = int(pairs.link[row]), int(pairs.obstacle[row])
-            measured = self._exact_pair(link, obstacle, self._hulls[obstacle].tolist())
-            _write(pairs, row, measured.distance, self._witness.of(measured))
-
-    def _nearest_piece(self, link: int, obstacle: int) -> int:
-        """Return the hull piece of a link that is nearest to an obstacle, as ``pairs`` measured last."""
-        first, last = self._first_of_link[link], self._parts_of_link[link][-1].last
-        return first + int(self._hulls[obstacle, first:last].argmin())
-
-    def _exact_pair(self, link: int, obstacle: int, hulls: list[float]) -> Measured:
-        """Measure a link against an obstacle, given the distances of all hull pieces to it [m]."""
+    def _exact_pair(self, link: int, obstacle: int, hulls: Known | Search) -> Measured:
+        """Measure a link against an obstacle, given what measures hull pieces."""
+        start = obstacle * self._scene.piece_count
         measured = [
-            self._exact.measure(part, obstacle, hulls[part.first : part.last])
+            self._exact.measure(part, obstacle, hulls.of_part(start, part))
             for part in self._parts_of_link[link]
         ]
         return min([m for m in measured if m is not None], key=lambda m: m.distance)
@@ -329,7 +365,7 @@ class DistanceModel:
         obstacle, piece = divmod(index, self._scene.piece_count)
         return self._part_of_piece[piece].first, obstacle
 
-    def _measure(self, index: int, search: _Search | _Known, limit: float) -> Measured | None:
+    def _measure(self, index: int, search: Search | Known, limit: float) -> Measured | None:
         obstacle, piece = divmod(index, self._scene.piece_count)
         part = self._part_of_piece[piece]
         return self._exact.measure(part, obstacle, search.of_part(index, part), limit)
@@ -360,75 +396,3 @@ def _write(pairs: Pairs, row: int, distance: float, vectors: tuple[Vector, Vecto
     """Write an exact pair: points on link and obstacle and the normal."""
     pairs.distance[row], pairs.exact[row] = distance, True
     pairs.point_on_link[row], pairs.point_on_obstacle[row], pairs.normal[row] = vectors
-    if pairs.located is not None:
-        pairs.located[row] = True
-
-
-class _Known:
-    """Hull distances that are measured already, as ``_Search`` gives them.
-
-    Args:
-        hulls: (n_obstacles, n_pieces) [m].
-    """
-
-    def __init__(self, hulls: NDArray[np.float64]) -> None:
-        self._hulls = hulls
-
-    def nearest_hull(self) -> int:
-        """Return the index of the least hull distance."""
-        return int(self._hulls.argmin())
-
-    def hulls_below(self, limit: float) -> list[tuple[float, int]]:
-        """Return all hull distances below a limit [m] with their indices, in rising order."""
-        flat = self._hulls.ravel()
-        near = (flat < limit).nonzero()[0]
-        return sorted(zip(flat[near].tolist(), near.tolist(), strict=True))
-
-    def of_part(self, index: int, part: Part) -> list[float]:
-        """Return the hull distances of all of a part's pieces to the obstacle of ``index`` [m]."""
-        found: list[float] = self._hulls[index // self._hulls.shape[1], part.first : part.last].tolist()
-        return found
-
-
-class _Search:
-    """Hull distances measured only where the balls' bounds say that they could matter.
-
-    Indices speak of obstacle and piece, ``obstacle * piece_count + piece``, as in ``Scene.compute``.
-    """
-
-    def __init__(self, scene: Scene, bounds: NDArray[np.float64]) -> None:
-        self._scene = scene
-        self._count = scene.piece_count
-        self._bounds = bounds.ravel() - _SLACK_M  # rounding, with plenty of room
-        self._hulls: dict[int, float] = {}
-
-    def nearest_hull(self) -> int:
-        """Return the index of the least hull distance."""
-        best = int(self._bounds.argmin())
-        least = self._hull(best)
-        for bound, index in self._below(least):
-            if bound >= least:
-                break
-            hull = self._hull(index)
-            if hull < least:
-                best, least = index, hull
-        return best
-
-    def hulls_below(self, limit: float) -> list[tuple[float, int]]:
-        """Return all hull distances below a limit [m] with their indices, in rising order."""
-        return sorted([(hull, i) for _, i in self._below(limit) if (hull := self._hull(i)) < limit])
-
-    def of_part(self, index: int, part: Part) -> list[float]:
-        """Return the hull distances of all of a part's pieces to the obstacle of ``index`` [m]."""
-        start = index - index % self._count
-        return [self._hull(start + piece) for piece in range(part.first, part.last)]
-
-    def _below(self, limit: float) -> list[tuple[float, int]]:
-        near = (self._bounds < limit).nonzero()[0].tolist()
-        return sorted([(float(self._bounds[index]), index) for index in near])
-
-    def _hull(self, index: int) -> float:
-        hull = self._hulls.get(index)
-        if hull is None:
-            hull = self._hulls[index] = self._scene.measure(*divmod(index, self._count))
-        return hull

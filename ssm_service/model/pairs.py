@@ -15,11 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Pairs:
-    """The p pairs of links (outer) and obstacles (inner) at one joint position; vectors in the base frame.
+    """Some p or all pairs of links (outer) and obstacles (inner) at one joint position, in the base frame.
 
     Each pair is that of the link's hull pieces at first, whose distance is never too large, and of its
-    triangles once ``DistanceModel.refine`` was asked for it. Points and normals of pairs that are not
-    ``located`` are NaN until ``DistanceModel.locate`` was asked for them.
+    triangles once ``DistanceModel.refine`` was asked for it.
 
     Attributes:
         links: Names of the links.
@@ -31,7 +30,6 @@ class Pairs:
         point_on_link: (p, 3) [m].
         point_on_obstacle: (p, 3) [m].
         normal: (p, 3) unit, from the obstacle to the link in every case, also in penetration.
-        located: (p,) whether points and normal are known; ``None`` where all are.
     """
 
     links: tuple[str, ...]
@@ -43,7 +41,6 @@ class Pairs:
     point_on_link: NDArray[np.float64]
     point_on_obstacle: NDArray[np.float64]
     normal: NDArray[np.float64]
-    located: NDArray[np.bool_] | None = None
 
     @classmethod
     def of(cls, closest: Sequence[ClosestPair], links: tuple[str, ...], obstacles: tuple[str, ...]) -> Pairs:

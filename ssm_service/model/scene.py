@@ -57,6 +57,8 @@ class Scene:
         piece_count: Number of hull pieces of all parts.
         results: Coal's results, for each obstacle the pieces in their order: piece ``k`` and obstacle ``j``
             at ``j * piece_count + k``.
+        result: Coal's result of the last ``measure``.
+        piece_radii: (n_pieces,) of a ball round each hull piece [m].
     """
 
     def __init__(self, robot: Robot, parts: tuple[Part, ...]) -> None:
@@ -73,10 +75,11 @@ class Scene:
         balls = [_ball(piece) for part in parts for piece in part.pieces]
         self._ball_in_piece = [centre for centre, _ in balls]
         self._pieces = [piece for part in parts for piece in part.pieces]
-        self._piece_radii = np.array([radius for _, radius in balls])
+        self.piece_radii = np.array([radius for _, radius in balls])
         self._centres = np.empty((0, 1, 3))
         self._reach = np.empty((0, len(self._pieces)))
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._placed: tuple[bytes, NDArray[np.float64]] | None = None
+        self._request, self.result = coal.DistanceRequest(), coal.DistanceResult()
         self._build()
 
     def set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
@@ -92,7 +95,8 @@ class Scene:
         self._written = [False] * len(shapes)
         self._centres = np.array([obstacle.position for obstacle in obstacles]).reshape(-1, 1, 3)
         radii = np.array([_ball_radius(obstacle) for obstacle in obstacles])
-        self._reach = radii[:, np.newaxis] + self._piece_radii
+        self._reach = radii[:, np.newaxis] + self.piece_radii
+        self._placed = None
 
     def slot(self, index: int) -> Slot:
         """Return an obstacle's slot, with its size and pose written."""
@@ -119,6 +123,7 @@ class Scene:
         """
         for index in range(len(self._slots)):
             self.slot(index)
+        self._placed = None
         pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, q)
         distances = [result.min_distance for result in self.results]
         if not abs(sum(distances)) < _FAILED:  # one sum finds NaN, inf and Coal's 1.8e308
@@ -129,31 +134,42 @@ class Scene:
         """Place everything without measuring it, and bound each distance by balls round piece and obstacle.
 
         Returns:
-            (n_obstacles, n_pieces) [m], never above the distance of the hull piece.
+            (n_obstacles, n_pieces) [m], never above the distance of the hull piece; not to be changed. What
+            stands as it stood at the last call is not placed again.
         """
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
-        apart = self._centres - np.array(self._ball_centres)
-        bounds: NDArray[np.float64] = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)) - self._reach
-        return bounds
+        key = q.tobytes()
+        if self._placed is None or self._placed[0] != key:
+            pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
+            apart = self._centres - self.piece_centres()
+            bounds = np.sqrt(np.einsum("ijk,ijk->ij", apart, apart)) - self._reach
+            self._placed = key, bounds
+        return self._placed[1]
 
     def measure(self, obstacle: int, piece: int) -> float:
-        """Return the signed distance of one hull piece to one obstacle [m]; ``-inf`` where Coal failed."""
+        """Return the signed distance of one hull piece to one obstacle [m]; ``-inf`` where Coal failed.
+
+        ``result`` then has the points.
+        """
         slot = self.slot(obstacle)
-        self._result.clear()
+        self.result.clear()
         distance = coal.distance(
             self._pieces[piece],
             self._transform_of_piece(piece),
             slot.solid,
             slot.transform_core,
             self._request,
-            self._result,
+            self.result,
         )
         return float(distance) if abs(distance) < _FAILED else -math.inf
 
     def hull_normal(self, obstacle: int, piece: int) -> NDArray[np.float64]:
         """Return Coal's normal from a hull piece to an obstacle, (3,), base frame."""
         self.measure(obstacle, piece)
-        return np.array(self._result.normal)
+        return np.array(self.result.normal)
+
+    def piece_centres(self) -> NDArray[np.float64]:
+        """Return the middles of the balls round all hull pieces, (n_pieces, 3) [m], as last placed."""
+        return np.array(self._ball_centres)
 
     def centre_of(self, piece: int) -> NDArray[np.float64]:
         """Return the middle of the ball round a hull piece, (3,), base frame, as of the last computation."""
@@ -237,6 +253,7 @@ class Scene:
         for j, shape in enumerate(kinds):
             self._all_slots[shape].append(self._slot(shape, j))
         self._slots, self.results, self._shapes = [], [], ()
+        self._placed = None
         self._obstacles, self._written = (), []
         for slots in self._all_slots.values():
             for slot in slots:

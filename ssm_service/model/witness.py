@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +43,20 @@ class Witness:
         """Return the same for k pairs of hull pieces and obstacles, (k, 3) each, of the last computation."""
         scene = self._scene
         results = [scene.results[j * scene.piece_count + i] for i, j in zip(pieces, obstacles, strict=True)]
-        on_link = np.array([result.getNearestPoint1() for result in results]).reshape(-1, 3)
-        on_obstacle = np.array([result.getNearestPoint2() for result in results]).reshape(-1, 3)
-        normal = -np.array([result.normal for result in results]).reshape(-1, 3)
+        return self.sound(pieces, obstacles, [coal_vectors(result) for result in results])
+
+    def sound(
+        self, pieces: list[int], obstacles: list[int], found: list[tuple[Vector, Vector, Vector]]
+    ) -> tuple[Vector, Vector, Vector]:
+        """Return what Coal said of k pairs, (k, 3) each, with stand-ins for what is no point or direction.
+
+        Args:
+            pieces: Of the links.
+            obstacles: Their indices.
+            found: Of each pair, ``coal_vectors``.
+        """
+        scene, vectors = self._scene, np.array(found).reshape(-1, 3, 3)
+        on_link, on_obstacle, normal = vectors[:, 0], vectors[:, 1], -vectors[:, 2]
         finite = np.isfinite(on_link).all(axis=1) & np.isfinite(on_obstacle).all(axis=1)
         lengths = np.sqrt((normal * normal).sum(axis=1))
         for row in (~(finite & (np.abs(lengths - 1.0) < _UNIT))).nonzero()[0].tolist():
@@ -72,6 +83,14 @@ class Witness:
         shape = part.pieces[measured.piece - part.first]
         centre: Vector = self._scene.placement_of(part).act(np.array(shape.aabb_center))
         return centre
+
+
+def coal_vectors(result: Any) -> tuple[Vector, Vector, Vector]:
+    """Return the nearest points of the first and the second shape, and Coal's normal between them, (3,) each.
+
+    The normal is a copy, as Coal rewrites its own; the points are copies by themselves.
+    """
+    return result.getNearestPoint1(), result.getNearestPoint2(), np.array(result.normal)
 
 
 def _direction(delta: Vector) -> Vector:

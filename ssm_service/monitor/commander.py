@@ -9,7 +9,6 @@ from ..model import DistanceModel, Robot
 from ..motion import Changeover
 from .command import limited_velocity, separated_velocity
 from .filtering import Filtering
-from .inputs import Target
 from .methods import Methods
 from .snapshot import Keeping, Snapshot
 
@@ -36,10 +35,6 @@ class Commander:
         """Do now what the first tick of a method would have to wait for."""
         self._filtering.prepare()
 
-    def needs_pairs(self, target: Target) -> bool:
-        """Tell whether a target's method looks at every pair of link and obstacle."""
-        return self._methods.controller(target) == "filter"
-
     def stand(self) -> Array:
         """Return the command to stand still, (n,), and begin anew from there."""
         self.previous = np.zeros(len(self.previous))
@@ -55,7 +50,7 @@ class Commander:
         Args:
             snapshot: Robot, target and surroundings.
             keeping: What it must keep.
-            distances: Measures pairs exactly that ``filter`` cannot do without.
+            distances: Has the snapshot's obstacles, for ``filter``.
             settled: Whether the wanted velocity counts as reached, so that no acceleration limit binds.
         """
         target = snapshot.target

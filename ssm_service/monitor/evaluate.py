@@ -278,10 +278,7 @@ class Evaluator:
             return None
         if now.zone is Zone.STOP:
             return np.zeros(len(limit))
-        position, commander = question.joints.position, Commander(self._robot, self._period_s)
-        pairs = None
-        if question.obstacles is not None and commander.needs_pairs(question.target):
-            pairs = self._distance.pairs(position)
+        commander = Commander(self._robot, self._period_s)
         snapshot = Snapshot(
             kinematics=kinematics,
             joints=question.joints,
@@ -290,7 +287,6 @@ class Evaluator:
             things=seen.things,
             ranges=None if seen.reading is None else seen.reading.others,
             obstacles=question.obstacles or (),
-            pairs=pairs,
         )
         limits = [] if separated is None else [separated.limit]
         keeping = Keeping(speed_limit=limit, limits=limits, separation=self._separation)

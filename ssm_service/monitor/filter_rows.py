@@ -1,13 +1,14 @@
 """The rows of the programme of ``filter``: every pair of links, or of link and obstacle, that can matter.
 
-A row binds only where the pair can come nearer faster than it may. A lever times its joint's speed bounds how
-fast any point of a link moves, so most pairs are told from their distance alone not to matter; only of the
-others points, normals and gradients are asked. The solution is that of all rows.
+A row binds only where the pair can come nearer faster than it may. How fast the points of a link can move is
+bounded, so most pairs are told from that and from balls round link and obstacle not to matter, and only the
+others are measured. The solution is that of all rows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -48,6 +49,18 @@ class Rows(NamedTuple):
     normals: Array
 
 
+class Reach(NamedTuple):
+    """How fast links and joints may be at most.
+
+    Attributes:
+        links: (links,) any point of each monitored link [m/s].
+        joints: (n,) [rad/s].
+    """
+
+    links: Array
+    joints: Array
+
+
 class RowMaker:
     """Makes the rows of each tick.
 
@@ -67,7 +80,7 @@ class RowMaker:
         self._robot = robot
         self._itself: SelfCollision | None = None
         self._obstacles: Sequence[Obstacle] = ()
-        self._velocities, self._speeds = np.empty((0, 3)), np.empty(0)
+        self._velocities, self._least = np.empty((0, 3)), np.empty(0)
 
     def prepare(self) -> SelfCollision:
         """Do now what the first rows would have to wait for."""
@@ -75,51 +88,61 @@ class RowMaker:
             self._itself = SelfCollision(self._robot)
         return self._itself
 
-    def rows(self, snapshot: Snapshot, speeds: Array, distances: DistanceModel) -> Rows:
+    def within(self, speeds: Array) -> Reach:
+        """Return how fast links are where no joint is faster than this, (n,) [rad/s]."""
+        return Reach(links=self._levers @ speeds, joints=speeds)
+
+    def at(self, velocity: Array, snapshot: Snapshot, distances: DistanceModel) -> Reach:
+        """Return how fast links are at one joint velocity, (n,) [rad/s]."""
+        reach = self.within(np.abs(velocity))
+        if not snapshot.obstacles:
+            return reach
+        position, spatial = snapshot.joints.position, snapshot.kinematics.spatial_jacobian
+        speeds = distances.link_speeds(position, spatial, self._moved_rows, velocity)
+        return Reach(links=np.minimum(reach.links, speeds), joints=reach.joints)
+
+    def rows(self, snapshot: Snapshot, reach: Reach, distances: DistanceModel) -> Rows:
         """Return every row that can bind.
 
         Args:
-            snapshot: Robot and surroundings; its pairs are located and refined where needed.
-            speeds: (n,) greatest size of each joint's velocity that counts [rad/s].
-            distances: Measured the pairs.
+            snapshot: Robot and surroundings.
+            reach: How fast links and joints may be.
+            distances: Has the snapshot's obstacles.
         """
-        found = [self._of_itself(snapshot, speeds)]
-        if snapshot.pairs is not None and len(snapshot.pairs):
-            found.append(self._tracked(snapshot, snapshot.pairs, speeds, distances))
+        found = [self._of_itself(snapshot, reach.joints)]
+        if snapshot.obstacles:
+            found.append(self._tracked(snapshot, reach.links, distances))
         found += [self._seen(snapshot, thing) for thing in snapshot.things if thing.source == "ranges"]
         found = [one for one in found if len(one.bounds)] or found[:1]
         if len(found) == 1:
             return found[0]
         return Rows(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
-    def _tracked(self, snapshot: Snapshot, pairs: Pairs, speeds: Array, distances: DistanceModel) -> Rows:
-        config, distance = self._config, pairs.distance
+    def _tracked(self, snapshot: Snapshot, reach: Array, distances: DistanceModel) -> Rows:
+        config = self._config
         if snapshot.obstacles is not self._obstacles:
             self._obstacles = snapshot.obstacles
             self._velocities = np.array([one.velocity or (0.0, 0.0, 0.0) for one in snapshot.obstacles])
-            self._speeds = np.sqrt((self._velocities * self._velocities).sum(axis=1))
-        reach = self._levers @ speeds
-        least = config.approach_gain * (distance - config.margin_m) - self._speeds[pairs.obstacle]
-        # NaN is not beyond anything: it is looked at and refused.
-        beyond = (least >= reach[pairs.link]) | (distance >= config.influence_distance_m)
-        near = (~beyond).nonzero()[0]
-        if not len(near):
-            return _none(len(speeds))
-        self._measure(pairs, near, distances)
-        normals = pairs.normal[near]
-        approach = approach_speeds(normals, self._velocities[pairs.obstacle[near]])
-        moved = self._moved_rows[pairs.link[near]]
-        return self._made(snapshot, moved, distance[near], pairs.point_on_link[near], normals, approach)
+            speeds = np.sqrt((self._velocities * self._velocities).sum(axis=1))
+            self._least = config.margin_m + speeds / config.approach_gain
+        # Beyond this b is more than the links' and the obstacle's speeds together.
+        limits = (reach / config.approach_gain)[:, np.newaxis] + self._least
+        np.minimum(limits, config.influence_distance_m, out=limits)
+        pairs = distances.below(snapshot.joints.position, limits)
+        if not len(pairs):
+            return _none(len(snapshot.joints.position))
+        self._measure(pairs, distances)
+        approach = approach_speeds(pairs.normal, self._velocities[pairs.obstacle])
+        moved = self._moved_rows[pairs.link]
+        return self._made(snapshot, moved, pairs.distance, pairs.point_on_link, pairs.normal, approach)
 
     @staticmethod
-    def _measure(pairs: Pairs, near: NDArray[np.intp], distances: DistanceModel) -> None:
-        """Give pairs their points, and measure the nearest of them to the triangles."""
-        inexact = near[(pairs.distance[near] < EXACT_BELOW_M) & ~pairs.exact[near]]
-        if len(inexact) > MOST_EXACT:
-            inexact = inexact[np.argsort(pairs.distance[inexact], kind="stable")[:MOST_EXACT]]
-        if len(inexact):
-            distances.refine(pairs, inexact.tolist())
-        distances.locate(pairs, near)
+    def _measure(pairs: Pairs, distances: DistanceModel) -> None:
+        """Measure the nearest of the pairs to the triangles."""
+        near = (pairs.distance < EXACT_BELOW_M).nonzero()[0]
+        if len(near) > MOST_EXACT:
+            near = near[np.argsort(pairs.distance[near], kind="stable")[:MOST_EXACT]]
+        distances.refine(pairs, near.tolist())
 
     def _seen(self, snapshot: Snapshot, thing: Nearest) -> Rows:
         moved = self._moved[thing.link][np.newaxis]
@@ -158,6 +181,7 @@ class RowMaker:
         return Rows(gradients, bounds, bounds, np.zeros(count), np.zeros((count, 3)))
 
 
+@lru_cache(maxsize=8)
 def _none(count: int) -> Rows:
     """Return no rows for so many joints."""
     return Rows(np.empty((0, count)), np.empty(0), np.empty(0), np.empty(0), np.empty((0, 3)))

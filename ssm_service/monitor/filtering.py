@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..model import DistanceModel, Robot
 from ..motion import Box, Circulation, Filtered, VelocityFilter, softness, task_metric, velocity_box
-from ..motion.filter import DAMPING_M_RAD
+from ..motion.filter import DAMPING_M_RAD, in_box
 from .filter_rows import RowMaker, Rows
 from .snapshot import Snapshot
 
@@ -21,9 +21,6 @@ BLOCKED_SHARE: Final = 0.3
 
 MEMORY_S: Final = 0.4
 """Time constant of what is left of it: a passing hindrance is none."""
-
-ROOM: Final = 1.2
-"""The programme looks first at what could matter at so many times the speed that is wanted."""
 
 
 class Filtering:
@@ -46,7 +43,7 @@ class Filtering:
         self._goal: bytes | None = None
         self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
         self._rows = RowMaker(robot)
-        self._faster = False
+        self._hindered = False
         self._all_free = len(robot.free) == len(robot.joint_names)
         self.last: Filtered | None = None
 
@@ -56,7 +53,7 @@ class Filtering:
 
     def reset(self) -> None:
         """Forget the ticks before."""
-        self.last, self._faster = None, False
+        self.last, self._hindered = None, False
         self._circulation.reset()
         self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
 
@@ -90,48 +87,58 @@ class Filtering:
             wanted: (n,) [rad/s].
             previous: (n,) the last command [rad/s]; ``None`` where no acceleration limit binds.
             speed_limit: (n,) of the zone [rad/s].
-            distances: Measured the pairs; says more of those that can matter.
+            distances: Has the snapshot's obstacles.
         """
         free, box = self._robot.free, self._box(snapshot, previous, speed_limit)
-        metric = None
-        if snapshot.target.kind != "joint_velocity":
-            metric = task_metric(snapshot.kinematics.jacobian)
-        found, rows = self._solve(snapshot, wanted[free], box, metric, distances)
+        start = np.minimum(np.maximum(wanted[free], box.lower), box.upper)
+        found, rows = self._solve(snapshot, wanted[free], start, box, distances)
         self.last = found
+        self._look(snapshot.kinematics.jacobian, start, found, rows.normals)
         velocity = np.zeros(len(wanted))
         velocity[free] = found.velocity
-        start = np.minimum(np.maximum(wanted[free], box.lower), box.upper)
-        self._look(snapshot.kinematics.jacobian, start, found, rows.normals)
         return velocity
 
     def _solve(
-        self, snapshot: Snapshot, wanted: Array, box: Box, metric: Array | None, distances: DistanceModel
+        self, snapshot: Snapshot, wanted: Array, start: Array, box: Box, distances: DistanceModel
     ) -> tuple[Filtered, Rows]:
         """Return the solution of the programme with all rows, and those that it needed.
 
-        Rows that cannot bind at the speeds of a solution do not change it. So it is looked first at those
-        that can at little more than the wanted speed, and at the others only where the solution is faster, or
-        the last one was.
+        Rows that hold at a solution without them do not change it. So it is solved without any first, and
+        only the pairs that could object to that are looked at; if one does, or a retreat is asked for, all
+        that could object to anything the joints may do are in. As long as that was so at the last tick, the
+        first step is left out.
+
+        Args:
+            snapshot: Robot and surroundings.
+            wanted: (k,) [rad/s].
+            start: (k,) what the box leaves of it.
+            box: Of the joints.
+            distances: Has the snapshot's obstacles.
         """
-        fastest = np.maximum(-box.lower, box.upper)
-        start = np.minimum(np.maximum(wanted, box.lower), box.upper)
-        slow = np.minimum(fastest, ROOM * float(np.abs(start).max()))
-        if not self._faster:
-            rows = self._rows.rows(snapshot, self._whole(slow), distances)
-            # A retreat takes what speed there is.
-            if not (len(rows.bounds) and float(rows.bounds.min()) < 0.0):
-                found = self._solved(wanted, rows, box, metric)
-                if bool((np.abs(found.velocity) <= slow).all()):
+        if not self._hindered:
+            found = self._alone(snapshot, wanted, start, box)
+            if found is not None:
+                reach = self._rows.at(self._whole(found.velocity), snapshot, distances)
+                rows = self._rows.rows(snapshot, reach, distances)
+                if _admits(rows, self._of_free(rows.gradients) @ found.velocity):
                     return found, rows
-        rows = self._rows.rows(snapshot, self._whole(fastest), distances)
-        found = self._solved(wanted, rows, box, metric)
-        self._faster = bool((np.abs(found.velocity) > slow).any())
+        fastest = np.maximum(-box.lower, box.upper)
+        rows = self._rows.rows(snapshot, self._rows.within(self._whole(fastest)), distances)
+        slack = softness(rows.bounds, rows.approach, DAMPING_M_RAD)
+        found = self._filter.solve(
+            wanted, self._of_free(rows.gradients), rows.bounds, box, _metric(snapshot), rows.ceilings, slack
+        )
+        self._hindered = bool(found.active)
         return found, rows
 
-    def _solved(self, wanted: Array, rows: Rows, box: Box, metric: Array | None) -> Filtered:
-        gradients = rows.gradients if self._all_free else rows.gradients[:, self._robot.free]
-        slack = softness(rows.bounds, rows.approach, DAMPING_M_RAD)
-        return self._filter.solve(wanted, gradients, rows.bounds, box, metric, rows.ceilings, slack)
+    def _alone(self, snapshot: Snapshot, wanted: Array, start: Array, box: Box) -> Filtered | None:
+        """Return the solution without pairs; ``None`` where the solver fails."""
+        cut = start.tolist() != wanted.tolist()
+        return in_box(wanted, box, _metric(snapshot) if cut else None)
+
+    def _of_free(self, gradients: Array) -> Array:
+        """Return the free joints' columns of (p, n) gradients."""
+        return gradients if self._all_free else gradients[:, self._robot.free]
 
     def _whole(self, free: Array) -> Array:
         """Return values of the free joints as those of all, 0 for the others, (n,)."""
@@ -168,9 +175,25 @@ class Filtering:
             found: What is left.
             normals: (p, 3) of the rows.
         """
-        asked, left = jacobian @ wanted, jacobian @ found.velocity
-        size = float(asked @ asked)
-        share = min(max(float(asked @ left) / size, 0.0), 1.0) if size > 0.0 and found.active else 1.0
+        share = 1.0
+        if found.active:
+            asked, left = jacobian @ wanted, jacobian @ found.velocity
+            size = float(asked @ asked)
+            if size > 0.0:
+                share = min(max(float(asked @ left) / size, 0.0), 1.0)
         self._share += (share - self._share) * min(1.0, self._period_s / MEMORY_S)
         self._blocked = bool(found.active) and self._share < BLOCKED_SHARE
         self._normal = normals[found.active[0]] if found.active else np.zeros(3)
+
+
+def _metric(snapshot: Snapshot) -> Array | None:
+    """Return the weights of the joints; ``None`` for a target of theirs, which weighs all the same."""
+    if snapshot.target.kind == "joint_velocity":
+        return None
+    return task_metric(snapshot.kinematics.jacobian)
+
+
+def _admits(rows: Rows, closing: Array) -> bool:
+    """Tell whether no pair asks for a retreat or closes faster than it may, (p,) [m/s]."""
+    allowed = np.minimum(rows.bounds, rows.ceilings)
+    return bool(((closing <= allowed) & (rows.bounds >= 0.0)).all())

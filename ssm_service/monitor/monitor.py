@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..config import ProfileConfig
@@ -99,9 +97,6 @@ class Monitor:
         self._separation = None
         if config.separation is not None:
             self._separation = SeparationStep(robot, self.profile, config.separation)
-        # Farther ones do not enter the filter's programme; a separation looks at all.
-        influence = robot.config.file.motion.filter.influence_distance_m
-        self._pairs_within = influence if self._separation is None else math.inf
         self._obstacles: tuple[Obstacle, ...] = ()
         self._compared: tuple[object, object] = (None, None)
         self._comparison: Comparison | None = None
@@ -142,7 +137,7 @@ class Monitor:
         keeping = Keeping(speed_limit=limit, limits=limits, separation=self._separation)
         if statuses["target"].reason is not None:
             now.reasons.append(statuses["target"].reason)
-        snapshot = self._snapshot(inputs, kinematics, seen, now) if "target" in fresh else None
+        snapshot = self._snapshot(inputs, fresh, kinematics, seen, now) if "target" in fresh else None
         return Decision(
             tick=self._tick,
             zone=zone,
@@ -193,9 +188,8 @@ class Monitor:
             if obstacles is not self._obstacles:
                 self._distance.set_obstacles(obstacles)
                 self._obstacles = obstacles
-            if self._asks_for_pairs(inputs, fresh):
-                located = self._separation is not None
-                pairs = self._distance.pairs(position, self._pairs_within, located=located)
+            if self._separation is not None:
+                pairs = self._distance.pairs(position)
                 exact = self._distance.nearest_of(pairs)
             else:
                 exact = self._distance.nearest(position)
@@ -208,11 +202,6 @@ class Monitor:
             comparison=comparison,
             pairs=pairs,
         )
-
-    def _asks_for_pairs(self, inputs: Inputs, fresh: set[str]) -> bool:
-        """Tell whether the profile or the target's method looks at every link with every obstacle."""
-        target = inputs.target.value if "target" in fresh else None
-        return self._separation is not None or (target is not None and self._commander.needs_pairs(target))
 
     def _separate(
         self,
@@ -305,7 +294,12 @@ class Monitor:
         return Zone.STOP if words else Zone.GREEN
 
     def _snapshot(
-        self, inputs: Inputs, kinematics: Kinematics | None, seen: Seen, now: Assessment
+        self,
+        inputs: Inputs,
+        fresh: set[str],
+        kinematics: Kinematics | None,
+        seen: Seen,
+        now: Assessment,
     ) -> Snapshot | None:
         """Return what a command can be made from; ``None`` without a target or without fresh joints."""
         joints, target = inputs.joints.value, inputs.target.value
@@ -318,6 +312,5 @@ class Monitor:
             nearest=now.nearest,
             things=seen.things,
             ranges=None if seen.reading is None else seen.reading.others,
-            obstacles=self._obstacles,
-            pairs=seen.pairs,
+            obstacles=self._obstacles if "obstacles" in fresh else (),
         )

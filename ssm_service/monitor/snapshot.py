@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from ..model import Kinematics, Obstacle, Pairs
+from ..model import Kinematics, Obstacle
 from .decision import Nearest
 from .inputs import JointSample, Target
 from .separated import Limit
@@ -27,9 +27,7 @@ class Snapshot(Struct, frozen=True, kw_only=True, eq=False):
         nearest: The nearest thing of all sources; ``None`` where nothing was seen.
         things: What each source sees nearest.
         ranges: (m,) fresh readings [m], ``inf`` for no echo and for own links; ``None`` without any.
-        obstacles: The newest tracked obstacles, fresh where ``pairs`` or ``nearest`` speak of them.
-        pairs: Every monitored link with every one of them, at least those that enter the filter's programme;
-            ``None`` where no method asked for them.
+        obstacles: The tracked obstacles, where they are fresh.
     """
 
     kinematics: Kinematics
@@ -39,7 +37,6 @@ class Snapshot(Struct, frozen=True, kw_only=True, eq=False):
     things: Sequence[Nearest] = ()
     ranges: Array | None = None
     obstacles: Sequence[Obstacle] = ()
-    pairs: Pairs | None = None
 
 
 class Keeping(Struct, frozen=True, kw_only=True, eq=False):

@@ -154,13 +154,16 @@ def velocity_box(
     greatest: list[float] = []
     for index, (here, before, low, high, fastest) in enumerate(zip(*rows, strict=True)):
         check_joint(index, 0.0, before, here, fastest, low, high)
-        for bounds, gap, start in (
-            (least, here - (low + margin), max(-before, 0.0)),
-            (greatest, high - margin - here, max(before, 0.0)),
-        ):
-            bounds.append(
-                min(fastest, start + gain, math.sqrt(2.0 * acceleration * gap), gap / dt)
-                if gap > 0.0
-                else 0.0
-            )
+        back, forth = (gain - before, gain) if before < 0.0 else (gain, gain + before)
+        least.append(_towards(here - (low + margin), min(fastest, back), acceleration, dt))
+        greatest.append(_towards(high - margin - here, min(fastest, forth), acceleration, dt))
     return Box(-np.array(least, dtype=np.float64), np.array(greatest, dtype=np.float64))
+
+
+def _towards(gap: float, fastest: float, acceleration: float, dt: float) -> float:
+    """Return the greatest speed towards a limit that is this far away, ≥ 0 [rad/s]."""
+    if not gap > 0.0:
+        return 0.0
+    if fastest * fastest <= 2.0 * acceleration * gap and fastest * dt <= gap:
+        return fastest
+    return min(fastest, math.sqrt(2.0 * acceleration * gap), gap / dt)

@@ -142,6 +142,46 @@ class VelocityFilter:
         return _Programme(wanted, rows, lower, upper, metric).solve(start)
 
 
+def _solved(
+    hessian: Array, linear: Array, rows: Array, highest: Array, lowest: Array, count: int
+) -> Array | None:
+    """Return the first variables of a programme's solution, (count,), unless the solver says that it failed.
+
+    The bounds are those of the variables and then those of the rows. The solver keeps nothing and changes
+    only the copies that it is given.
+    """
+    sense = np.zeros(len(highest), dtype=np.int32)
+    solution, _, flag, _ = daqp.solve(
+        hessian, linear, rows, highest, lowest, sense, primal_tol=_PRIMAL_TOLERANCE, iter_limit=_ITERATIONS
+    )
+    found = np.array(solution[:count])
+    return found if flag > 0 and math.isfinite(float(found @ found)) else None
+
+
+def in_box(wanted: Array, box: Box, metric: Array | None = None) -> Filtered | None:
+    """Return what ``VelocityFilter.solve`` returns without any pair; ``None`` where the solver fails.
+
+    Args:
+        wanted: (k,) [rad/s].
+        box: (k,) least and greatest velocity of each joint [rad/s], with 0 in between.
+        metric: (k, k) W, symmetric and positive definite; left out, the identity.
+
+    Raises:
+        InputError: ``wrong_length``, ``not_finite``, ``out_of_range``.
+    """
+    _check(wanted, np.empty((0, len(wanted))), np.empty(0), box.lower, box.upper, metric)
+    velocity = wanted
+    if metric is not None:
+        linear, none = -(metric @ wanted), np.empty((0, len(wanted)))
+        found = _solved(metric.copy(), linear, none, box.upper.copy(), box.lower.copy(), len(wanted))
+        if found is None:
+            return None
+        velocity = found
+    velocity = np.minimum(np.maximum(velocity, box.lower), box.upper)
+    status: Status = "free" if metric is None else "solved"
+    return Filtered(velocity=velocity, active=(), retreating=False, missed=0.0, status=status)
+
+
 def task_metric(jacobian: Array, freedom: float = 0.05) -> Array:
     """Return W that holds the end effector to its way and lets the other joints give, (k, k), mean weight 1.
 
@@ -277,13 +317,7 @@ class _Programme:
         rows[range(p, p + r), range(k, k + r)] = -self._softness[self._soft]
         highest = np.concatenate((self._upper, np.full(r, _FREE), self._hard_bounds, self._soft_bounds))
         lowest = np.concatenate((self._lower, np.zeros(r), np.full(p + r, -_FREE)))
-        sense = np.zeros(len(highest), dtype=np.int32)
-        solution, _, flag, _ = daqp.solve(
-            hessian, linear, rows, highest, lowest, sense,
-            primal_tol=_PRIMAL_TOLERANCE, iter_limit=_ITERATIONS,
-        )  # fmt: skip
-        found = np.array(solution[:k])
-        return found if flag > 0 and math.isfinite(float(found @ found)) else None
+        return _solved(hessian, linear, rows, highest, lowest, k)
 
     def _most_urgent(self, soft: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the pairs whose slack counts, in an order of their own if not all can be."""

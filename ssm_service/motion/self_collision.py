@@ -123,7 +123,7 @@ class SelfCollision:
             InputError: ``wrong_length`` or ``not_finite``.
         """
         needed = margin + self._levers @ speeds / gain
-        least = self._distance - (self._levers * np.abs(position - self._at)).sum(axis=1)
+        least = self._distance - np.einsum("ij,ij->i", self._levers, np.abs(position - self._at))
         due = (~(least >= needed)).nonzero()[0]
         if not len(due):
             return np.empty(0), np.empty((0, len(position)))

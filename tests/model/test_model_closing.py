@@ -70,31 +70,75 @@ def test_pairs_are_bounds_until_they_are_refined(robot: Robot, model: DistanceMo
             assert pairs.normal[row] == pytest.approx(exact[row].normal, abs=1e-6)
 
 
-def test_pairs_within_a_distance_are_those_of_all(robot: Robot, model: DistanceModel) -> None:
+def test_pairs_below_a_limit_are_those_of_all(robot: Robot, model: DistanceModel) -> None:
     random, seen = np.random.default_rng(5), 0
     for _ in range(10):
         q = position(random)
         model.set_obstacles(around(random))
         every = model.pairs(q)
-        near = (every.distance < 0.3).nonzero()[0]
-        some = model.pairs(q, within=0.3)
+        limits = random.uniform(0.0, 0.5, (len(every.links), len(every.obstacles)))
+        near = (every.distance < limits.ravel()).nonzero()[0]
+        some = model.below(q, limits)
         seen += len(near)
         for name in ("link", "obstacle"):
             np.testing.assert_array_equal(getattr(some, name), getattr(every, name)[near])
         # Coal begins each search where the last one ended.
         assert some.distance == pytest.approx(every.distance[near], abs=2e-6)
-        assert some.normal == pytest.approx(every.normal[near], abs=5e-3)
+        far = some.distance > 0.05
+        assert some.normal[far] == pytest.approx(every.normal[near][far], abs=1e-2)
         across = some.point_on_link - some.point_on_obstacle
         apart = some.distance > 1e-3
+        assert (across * some.normal).sum(axis=1)[apart] == pytest.approx(some.distance[apart], abs=2e-5)
         assert np.linalg.norm(across[apart], axis=1) == pytest.approx(some.distance[apart], abs=2e-5)
         assert (some.links, some.obstacles) == (every.links, every.obstacles)
         if len(near):
             exact = model.all_pairs(q)[near[-1]]
-            model.pairs(q, within=0.3)
+            some = model.below(q, limits)
             model.refine(some, [len(near) - 1])
             assert some.distance[-1] == pytest.approx(exact.distance, abs=1e-9)
             assert some.exact.tolist() == [False] * (len(near) - 1) + [True]
     assert seen > 20
+
+
+def test_no_pair_is_below_nothing(robot: Robot, model: DistanceModel) -> None:
+    model.set_obstacles(around(np.random.default_rng(3)))
+    count = len(robot.monitored_links)
+    nothing = model.below(np.zeros(6), np.full((count, 4), -1.0))
+    assert (len(nothing), nothing.obstacles) == (0, ("ball", "arm", "box", "post"))
+    assert nothing.normal.shape == (0, 3)
+    model.set_obstacles(())
+    assert len(model.below(np.zeros(6), np.full((count, 0), 9.0))) == 0
+
+
+def test_what_stood_there_before_is_not_taken_for_what_stands_there_now(
+    robot: Robot, model: DistanceModel
+) -> None:
+    """Placements are kept from call to call; obstacles, the arm and other questions come between."""
+    random = np.random.default_rng(8)
+    q, other, first, second = position(random), position(random), around(random), around(random)
+    limits = np.full((len(robot.monitored_links), 4), 0.6)
+
+    def asked(where: np.ndarray) -> list[float]:
+        found = model.below(where, limits)
+        return [*found.distance.tolist(), *found.normal.ravel().tolist()]
+
+    answers = {}
+    for name, obstacles in (("first", first), ("second", second)):
+        for place in (q, other):
+            fresh = DistanceModel(robot)
+            fresh.set_obstacles(obstacles)
+            found = fresh.below(place, limits)
+            answers[name, place.tobytes()] = [*found.distance.tolist(), *found.normal.ravel().tolist()]
+    assert len({str(answer) for answer in answers.values()}) == 4
+    for name, obstacles in (("first", first), ("second", second), ("first", first)):
+        model.set_obstacles(obstacles)
+        for place in (q, q, other, q):
+            expected = pytest.approx(answers[name, place.tobytes()], abs=1e-9)
+            assert asked(place) == expected
+            model.pairs(other)
+            assert asked(place) == expected
+            model.nearest(place)
+            assert asked(place) == expected
 
 
 def test_an_arm_keeps_a_clearance_if_all_its_bounds_do(robot: Robot, model: DistanceModel) -> None:
@@ -150,15 +194,18 @@ def test_gradients_are_those_of_the_distance(robot: Robot, model: DistanceModel,
     assert seen >= 0.97 * 8 * 6 * 8
 
 
-def test_a_distance_that_is_no_number_is_within_any(
+def test_a_distance_that_is_no_number_is_below_any(
     robot: Robot, model: DistanceModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model.set_obstacles(around(np.random.default_rng(3)))
-    count = len(model.pairs(np.zeros(6)))
+    limits = np.full((len(robot.monitored_links), 4), 0.1)
     scene = type(model._scene)
-    real = scene.compute
-    monkeypatch.setattr(scene, "compute", lambda self, q: [np.nan] * len(real(self, q)))
-    assert len(model.pairs(np.zeros(6), within=0.1, located=False)) == count
+    place = scene.place
+    monkeypatch.setattr(scene, "place", lambda self, q: np.full_like(place(self, q), np.nan))
+    near = int((model.pairs(np.zeros(6)).distance < 0.1).sum())
+    assert near < len(model.below(np.zeros(6), limits)) + 1 == near + 1
+    monkeypatch.setattr(scene, "measure", lambda *_: np.nan)
+    assert len(model.below(np.zeros(6), limits)) == limits.size
 
 
 def test_gradients_are_the_velocity_of_the_point_along_the_normal(robot: Robot) -> None:

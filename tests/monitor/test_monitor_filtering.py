@@ -10,6 +10,7 @@ import pytest
 
 from bench.scenes import draw_scenes
 from ssm_service.model import DistanceModel, Obstacle, Robot
+from ssm_service.model.hulls import build_parts
 from ssm_service.monitor import JointSample, Target, filtering
 from ssm_service.monitor.filter_rows import MOST_EXACT, RowMaker
 from ssm_service.monitor.filtering import Filtering
@@ -53,7 +54,6 @@ class Case:
             "target": Target(kind="twist", value=np.zeros(6)),
             "nearest": None,
             "obstacles": self.obstacles,
-            "pairs": self.distances.pairs(self.position, 0.6, located=False),
         }
         return Snapshot(**(values | changes))
 
@@ -67,7 +67,7 @@ class Case:
 def test_rows_that_are_left_out_change_nothing(arm, monkeypatch, seed):
     case = Case(arm, seed, fastest=0.3 if seed % 2 else 0.0)
     few, told = case.step()
-    monkeypatch.setattr(filtering, "ROOM", 1e9)  # no less than the box from the beginning
+    monkeypatch.setattr(Filtering, "_alone", lambda *_: None)  # no less than the box from the beginning
     most, _ = case.step()
     np.testing.assert_allclose(few, most, atol=1e-6)
     monkeypatch.setattr(RowMaker, "_tracked", _every)
@@ -76,32 +76,12 @@ def test_rows_that_are_left_out_change_nothing(arm, monkeypatch, seed):
     assert told.retreating == of_every.retreating
 
 
-@pytest.mark.parametrize("seed", [10, 12, 19, 28])
-def test_a_solution_faster_than_was_wanted_is_looked_at_again(arm, monkeypatch, seed):
-    """What stands lets some joints give way at more than the wanted speed."""
-    case = Case(arm, seed, fastest=0.0, farthest=0.2)
-    case.wanted *= 0.1
-    case.previous = case.wanted * 10.0
-    made, speeds = RowMaker.rows, []
-
-    def counted(self, snapshot, greatest, distances):
-        speeds.append(float(greatest.max()))
-        return made(self, snapshot, greatest, distances)
-
-    monkeypatch.setattr(RowMaker, "rows", counted)
-    twice, told = case.step()
-    assert len(speeds) == 2
-    assert speeds[0] < np.abs(twice).max() <= speeds[1]
-    assert not told.retreating
-    monkeypatch.setattr(filtering, "ROOM", 1e9)
-    np.testing.assert_allclose(twice, case.step()[0], atol=1e-6)
-    assert len(speeds) == 3
-
-
-def _every(self, snapshot, pairs, speeds, distances):
+def _every(self, snapshot, reach, distances):
     """Give a row to each pair, in another order, measured as the others are."""
+    del reach
+    pairs = distances.pairs(snapshot.joints.position)
+    self._measure(pairs, distances)
     rows = np.arange(len(pairs))[::-1]
-    self._measure(pairs, rows, distances)
     velocities = np.array([one.velocity for one in snapshot.obstacles])
     approach = np.einsum("ij,ij->i", pairs.normal, velocities[pairs.obstacle])[rows]
     moved = self._moved_rows[pairs.link[rows]]
@@ -110,67 +90,137 @@ def _every(self, snapshot, pairs, speeds, distances):
     )
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_it_is_solved_once_where_nothing_objects(arm, monkeypatch, seed):
+    """What all pairs leave alone is not looked at twice, and what one does not is."""
+    case = Case(arm, seed, fastest=0.0, farthest=0.6)
+    calls, made = [], RowMaker.rows
+
+    def counted(self, snapshot, reach, distances):
+        found = made(self, snapshot, reach, distances)
+        calls.append((reach, found))
+        return found
+
+    monkeypatch.setattr(RowMaker, "rows", counted)
+    velocity, told = case.step()
+    (first, near), *second = calls
+    closing = near.gradients @ case.wanted
+    free = bool((closing <= np.minimum(near.bounds, near.ceilings)).all()) and bool((near.bounds >= 0).all())
+    assert len(second) == (not free)
+    if free:
+        np.testing.assert_array_equal(velocity, case.wanted)
+        assert (told.status, told.active) == ("free", ())
+    else:
+        ((wide, every),) = second
+        assert (wide.links >= first.links).all()
+        assert (wide.joints >= first.joints).all()
+        assert len(every.bounds) >= len(near.bounds)
+
+
+def test_there_are_both_kinds(arm):
+    told = [Case(arm, seed, fastest=0.0, farthest=0.6).step()[1].status for seed in range(12)]
+    assert 2 < told.count("free") < 10
+
+
+def test_while_something_hinders_all_are_looked_at_from_the_beginning(arm, monkeypatch):
+    case = Case(arm, 4, farthest=0.07, fastest=0.0)
+    it, alone = Filtering(arm, DT), Filtering._alone
+    asked = []
+    monkeypatch.setattr(Filtering, "_alone", lambda *given: asked.append(1) or alone(*given))
+
+    def step(snapshot):
+        it.step(snapshot, case.wanted, case.previous, np.full(6, 2.0), case.distances)
+        return len(asked), bool(it.last.active)
+
+    assert step(case.snapshot()) == (1, True)
+    assert step(case.snapshot()) == (1, True)
+    free = case.snapshot(obstacles=())
+    assert step(free) == (1, False)
+    assert step(free) == (2, False)
+    assert step(case.snapshot()) == (3, True)
+    it.reset()
+    assert step(free) == (4, False)
+
+
+def test_a_solver_that_fails_alone_is_asked_with_all_pairs(arm, monkeypatch):
+    case = Case(arm, 5, farthest=0.6, fastest=0.0)
+    expected, told = case.step()
+    monkeypatch.setattr(filtering, "in_box", lambda *_: None)
+    found, again = case.step()
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert again.active == told.active
+
+
 def test_few_rows_are_looked_at_where_little_is_wanted(arm):
     case = Case(arm, 5, farthest=0.5, fastest=0.0)
     maker, counts = RowMaker(arm), []
     for speed in (0.0, 0.05, 0.5, 50.0):
-        snapshot = case.snapshot()
-        rows = maker.rows(snapshot, np.full(6, speed), case.distances)
+        rows = maker.rows(case.snapshot(), maker.within(np.full(6, speed)), case.distances)
         counts.append(len(rows.bounds))
-        known = int(snapshot.pairs.located.sum())
-        assert known <= len(rows.bounds)
         assert np.isfinite(rows.gradients).all()
     assert counts == sorted(counts)
     assert counts[0] < 0.2 * counts[-1]
 
 
-def test_only_the_nearest_are_measured_to_the_triangles(arm):
+@pytest.mark.parametrize("seed", range(8))
+def test_no_link_is_faster_than_its_reach(arm, seed):
+    """Corners of the hulls, their speeds by differences of their places."""
+    case, rng = Case(arm, seed), np.random.default_rng(seed)
+    velocity = rng.uniform(-1.0, 1.0, 6)
+    maker, snapshot = RowMaker(arm), case.snapshot()
+    at, within = maker.at(velocity, snapshot, case.distances), maker.within(np.abs(velocity))
+    assert (at.links <= within.links).all()
+    assert at.links.sum() < 0.9 * within.links.sum()
+    step = 1e-6
+    here, there = (_corners(arm, case.position + sign * step * velocity) for sign in (-0.5, 0.5))
+    for index, link in enumerate(arm.monitored_links):
+        speeds = np.linalg.norm(there[link] - here[link], axis=1) / step
+        assert speeds.max() <= at.links[index] + 1e-6
+    nobody = maker.at(velocity, case.snapshot(obstacles=()), case.distances)
+    np.testing.assert_array_equal(nobody.links, within.links)
+
+
+def _corners(arm, position):
+    """Return the corners of all hull pieces of each link, (c, 3), base frame."""
+    found = {link: [] for link in arm.monitored_links}
+    transforms = arm.link_transforms(position)
+    frames = {frame.name: frame.placement.homogeneous for frame in arm.model.frames}
+    for part in build_parts(arm):
+        T_link_part = np.linalg.inv(frames[part.link]) @ part.source.placement.homogeneous
+        T = transforms[part.link] @ T_link_part
+        for piece in part.pieces:
+            points = np.array(piece.points()) if hasattr(piece, "points") else _box_corners(piece)
+            found[part.link].extend(points @ T[:3, :3].T + T[:3, 3])
+    return {link: np.array(points) for link, points in found.items()}
+
+
+def _box_corners(piece):
+    signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+    return signs * np.array(piece.halfSide)
+
+
+def test_only_the_nearest_are_measured_to_the_triangles(arm, monkeypatch):
     case = Case(arm, 1)
     ball = Obstacle(id="ball", shape="sphere", size=(0.5,), position=(0.0, 0.0, 0.5))
     case.obstacles = (ball,)
     case.distances.set_obstacles(case.obstacles)
-    snapshot = case.snapshot()
-    RowMaker(arm).rows(snapshot, np.ones(6), case.distances)
-    exact = snapshot.pairs.exact
-    assert exact.sum() == MOST_EXACT
-    assert snapshot.pairs.distance[exact].max() < snapshot.pairs.distance[~exact].min() + 0.02
-
-
-def test_without_pairs_there_are_the_links_against_each_other(arm):
-    case = Case(arm, 2)
+    seen, below = [], DistanceModel.below
+    monkeypatch.setattr(DistanceModel, "below", lambda *given: seen.append(below(*given)) or seen[-1])
     maker = RowMaker(arm)
-    for changes in ({"pairs": None}, {"pairs": DistanceModel(arm).pairs(case.position), "obstacles": ()}):
-        snapshot = case.snapshot(**changes)
-        assert len(maker.rows(snapshot, np.zeros(6), case.distances).bounds) == 0
-        rows = maker.rows(snapshot, np.full(6, 3.0), case.distances)
-        assert len(rows.bounds) > 0
-        np.testing.assert_array_equal(rows.bounds, rows.ceilings)
-        assert not rows.normals.any()
+    maker.rows(case.snapshot(), maker.within(np.ones(6)), case.distances)
+    (pairs,) = seen
+    assert pairs.exact.sum() == MOST_EXACT
+    assert pairs.distance[pairs.exact].max() < pairs.distance[~pairs.exact].min() + 0.02
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_what_is_asked_of_pairs_later_is_what_they_would_have_said(arm, seed):
-    case = Case(arm, seed)
-    every = case.distances.pairs(case.position)
-    least = case.distances.nearest(case.position)
-    some = case.distances.pairs(case.position, 0.3, located=False)
-    assert np.isnan(some.normal).all()
-    nearest = case.distances.nearest_of(some)
-    assert (nearest.link, nearest.obstacle) == (least.link, least.obstacle)
-    assert nearest.distance == pytest.approx(least.distance, abs=5e-6)
-    row = int(some.exact.nonzero()[0][0])
-    np.testing.assert_array_equal(some.normal[row], nearest.normal)
-    assert some.distance[row] == nearest.distance
-    case.distances.locate(some, np.arange(len(some)))
-    assert some.located.all()
-    for a in range(len(some)):
-        if a != row:
-            b = int(((every.link == some.link[a]) & (every.obstacle == some.obstacle[a])).nonzero()[0][0])
-            assert some.distance[a] == pytest.approx(every.distance[b], abs=5e-6)  # GJK starts anew
-            between = some.point_on_link[a] - some.point_on_obstacle[a]
-            np.testing.assert_allclose(between, some.distance[a] * some.normal[a], atol=5e-5)
-    case.distances.set_obstacles(())
-    assert case.distances.nearest_of(case.distances.pairs(case.position)) is None
+def test_without_obstacles_there_are_the_links_against_each_other(arm):
+    case = Case(arm, 2)
+    maker, snapshot = RowMaker(arm), case.snapshot(obstacles=())
+    assert len(maker.rows(snapshot, maker.within(np.zeros(6)), case.distances).bounds) == 0
+    rows = maker.rows(snapshot, maker.within(np.full(6, 3.0)), case.distances)
+    assert len(rows.bounds) > 0
+    np.testing.assert_array_equal(rows.bounds, rows.ceilings)
+    assert not rows.normals.any()
 
 
 def test_a_ball_that_comes_goes_before_the_margin_from_a_plate(arm):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize, nnls
 
 from ssm_service.errors import InputError
-from ssm_service.motion import VelocityFilter, task_metric
+from ssm_service.motion import Box, VelocityFilter, task_metric
 from ssm_service.motion import filter as module
 from ssm_service.motion.filter import DAMPING_M_RAD, MOST_SOFT, TOLERANCE_M_S
 
@@ -196,6 +196,37 @@ def test_nothing_in_the_way_gives_the_wanted_velocity_to_the_bit():
         assert (found.active, found.retreating, found.missed, found.status) == ((), False, 0.0, "free")
     empty = VelocityFilter().solve(wanted, np.empty((0, K)), np.empty(0), WIDE)
     assert empty.velocity.tobytes() == wanted.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_without_pairs_the_box_alone_says_the_same(seed):
+    case = Case(seed)
+    none = {"gradients": np.empty((0, K)), "bounds": np.empty(0)}
+    found = module.in_box(case.wanted, Box(case.lower, case.upper), case.metric)
+    expected = case.solve(**none)
+    np.testing.assert_allclose(found.velocity, expected.velocity, atol=1e-9)
+    assert (found.active, found.retreating, found.missed, found.rows) == ((), False, 0.0, 0)
+    assert found.status == ("free" if case.metric is None else "solved") == expected.status
+    assert (found.velocity >= case.lower).all()
+    assert (found.velocity <= case.upper).all()
+
+
+def test_alone_it_leaves_its_arguments_alone_and_refuses_the_same(monkeypatch):
+    case = next(case for case in map(Case, range(99)) if case.metric is not None)
+    given = [case.wanted, case.lower, case.upper, case.metric]
+    before = [array.copy() for array in given]
+    module.in_box(case.wanted, Box(case.lower, case.upper), case.metric)
+    for array, copy in zip(given, before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+    for place in range(4):
+        broken = [array.copy() for array in before]
+        broken[place].flat[0] = np.nan
+        with pytest.raises(InputError) as caught:
+            module.in_box(broken[0], Box(broken[1], broken[2]), broken[3])
+        assert caught.value.cause == "not_finite"
+    for flag, solution in ((-1, np.zeros(K)), (1, np.full(K, np.nan))):
+        monkeypatch.setattr(module.daqp, "solve", lambda *_, f=flag, s=solution, **__: (s, 0.0, f, {}))
+        assert module.in_box(case.wanted, Box(case.lower, case.upper), case.metric) is None
 
 
 def test_at_rest_it_retreats_and_each_joint_takes_its_share():
