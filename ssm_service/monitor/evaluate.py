@@ -284,7 +284,7 @@ class Evaluator:
             joints=question.joints,
             target=question.target,
             nearest=now.nearest,
-            things=seen.things,
+            echo=None if seen.reading is None else seen.reading.nearest_other,
             ranges=None if seen.reading is None else seen.reading.others,
             obstacles=question.obstacles or (),
         )

@@ -112,7 +112,8 @@ class RowMaker:
         found = [self._of_itself(snapshot, reach.joints)]
         if snapshot.obstacles:
             found.append(self._tracked(snapshot, reach.links, distances))
-        found += [self._seen(snapshot, thing) for thing in snapshot.things if thing.source == "ranges"]
+        if snapshot.echo is not None:
+            found.append(self._seen(snapshot, snapshot.echo))
         found = [one for one in found if len(one.bounds)] or found[:1]
         if len(found) == 1:
             return found[0]

@@ -310,7 +310,7 @@ class Monitor:
             joints=joints,
             target=target,
             nearest=now.nearest,
-            things=seen.things,
+            echo=None if seen.reading is None else seen.reading.nearest_other,
             ranges=None if seen.reading is None else seen.reading.others,
             obstacles=self._obstacles if "obstacles" in fresh else (),
         )

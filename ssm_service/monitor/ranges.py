@@ -27,6 +27,7 @@ class RangeReading(Struct, frozen=True, kw_only=True, eq=False):
         ranges: (m,), [m], the readings that count; ``inf`` for silence and for the arm's own links.
         others: (m,), [m], the same without the arm's own links in every case, also where nobody answers for
             what they hide: from an own link nobody can be kept away. For motion, never for a zone.
+        nearest_other: What the estimator says of ``others``, likewise.
         least: The least of them by link [m].
         bounds: The bound of each link that the rings answer for; none unless the estimator is one.
         silent: How near something could be in spite of silence, of each link that the rings answer for [m].
@@ -38,6 +39,7 @@ class RangeReading(Struct, frozen=True, kw_only=True, eq=False):
     nearest: Nearest | None
     ranges: NDArray[np.float64]
     others: NDArray[np.float64]
+    nearest_other: Nearest | None
     least: dict[str, float]
     bounds: tuple[tuple[SensorArray, Bound, LinkDistance], ...]
     silent: Mapping[str, float]
@@ -157,17 +159,18 @@ class RangeReader:
         if prepared is None or prepared.ranges is not ranges:
             prepared = self._prepared = self.prepare(ranges, position)
         scan = prepared.masked if tracked or self._config.uncovered != "off" else prepared.whole
-        if self._config.range_estimator == "nearest":
-            nearest = nearest_by_rings(self._robot, kinematics, scan.ranges)
-            unseen = contradicted = False
-        else:
-            nearest = self._nearest_by_bound(scan, kinematics)
+        nearest = other = self._nearest(scan, kinematics)
+        if scan is not prepared.masked:
+            other = self._nearest(prepared.masked, kinematics)
+        unseen = contradicted = False
+        if self._config.range_estimator != "nearest":
             contradicted = any(bound.distance is None for _, bound, _ in scan.bounds)
             unseen = nearest is not None and scan.least[nearest.link] > self._reading_error
         return RangeReading(
             nearest=nearest,
             ranges=scan.ranges,
             others=prepared.masked.ranges,
+            nearest_other=other,
             least=scan.least,
             bounds=scan.bounds,
             silent=self._silent,
@@ -219,6 +222,12 @@ class RangeReader:
         missing = found.missing & np.isfinite(before) & ~own
         near = np.minimum(found.clear, low) < self._watched
         return own, bool((near & (own | missing)).any())
+
+    def _nearest(self, scan: _Scan, kinematics: Kinematics) -> Nearest | None:
+        """Return what the profile's estimator says of a scan."""
+        if self._config.range_estimator == "nearest":
+            return nearest_by_rings(self._robot, kinematics, scan.ranges)
+        return self._nearest_by_bound(scan, kinematics)
 
     def _nearest_by_bound(self, scan: _Scan, kinematics: Kinematics) -> Nearest | None:
         """Return the ball that attains the least bound of all links; ``None`` where nothing could be there.

@@ -25,7 +25,7 @@ class Snapshot(Struct, frozen=True, kw_only=True, eq=False):
         joints: Joint state.
         target: The wanted motion.
         nearest: The nearest thing of all sources; ``None`` where nothing was seen.
-        things: What each source sees nearest.
+        echo: What the rings see nearest beside the arm's own links.
         ranges: (m,) fresh readings [m], ``inf`` for no echo and for own links; ``None`` without any.
         obstacles: The tracked obstacles, where they are fresh.
     """
@@ -34,7 +34,7 @@ class Snapshot(Struct, frozen=True, kw_only=True, eq=False):
     joints: JointSample
     target: Target
     nearest: Nearest | None
-    things: Sequence[Nearest] = ()
+    echo: Nearest | None = None
     ranges: Array | None = None
     obstacles: Sequence[Obstacle] = ()
 

@@ -67,6 +67,7 @@ def reading(nearest: Nearest | None = None, **changes: Any) -> RangeReading:
         "nearest": nearest,
         "ranges": np.full(8, np.inf),
         "others": np.full(8, np.inf),
+        "nearest_other": nearest,
         "least": {"forearm_link": math.inf if nearest is None else nearest.distance},
         "bounds": (),
         "silent": {},

@@ -151,6 +151,7 @@ def alone(profile: ZoneProfile, config: SourcesConfig, now: Situation) -> Zone:
             nearest=nearest("ranges", now.seen_by_ranges),
             ranges=np.full(8, np.inf),
             others=np.full(8, np.inf),
+            nearest_other=None,
             least={"forearm_link": 1.0},
             bounds=(),
             silent={},

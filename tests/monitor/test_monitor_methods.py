@@ -21,6 +21,7 @@ from ssm_service.monitor import (
     Target,
     checked_target,
 )
+from ssm_service.monitor.commander import Commander
 from ssm_service.perception import OwnLinks, scan
 
 ROBOTS = Path(__file__).parents[2] / "robots"
@@ -238,6 +239,28 @@ def test_own_links_do_not_repel_where_they_count_for_the_zone_either(own_echoes)
     assert decision.distance == pytest.approx(readings.min())
     directions = [v[-1] / np.linalg.norm(v[-1]) for v in (alone, silent)]
     np.testing.assert_allclose(directions[0], directions[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("tracked", [True, False])
+def test_for_motion_the_rings_see_what_is_no_own_link(own_echoes, monkeypatch, tracked):
+    readings = own_echoes[1]
+    found, seen, step = [], [], Commander.step
+
+    def watched(self, snapshot, keeping, distances, *, settled=False):
+        seen.append(snapshot)
+        return step(self, snapshot, keeping, distances, settled=settled)
+
+    monkeypatch.setattr(Commander, "step", watched)
+    another = np.where(np.isinf(readings), 0.3, readings)
+    for ranges in (readings, another):
+        seen.clear()
+        _, decision = commands(own_echoes, ranges, tracked=tracked)
+        found.append(seen[-1])
+        assert (decision.distance == readings.min()) == (not tracked)
+    own, ball = found
+    assert own.echo is None
+    assert ball.echo.distance == pytest.approx(0.3)
+    assert np.isinf(own.ranges).all()
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)])
