@@ -12,6 +12,7 @@ from ssm_service.errors import ConfigError
 from ssm_service.model import Robot
 from ssm_service.monitor import weaknesses
 from ssm_service.monitor.reach import greatest_speed, lever_arms
+from ssm_service.monitor.weakness import best_law, stopping
 
 UR3 = Path(__file__).resolve().parents[2] / "robots" / "ur3.toml"
 V_H = 1.6
@@ -248,3 +249,109 @@ def test_people_who_never_come_near_are_refused(tmp_path, key):
     with pytest.raises(ConfigError) as caught:
         changed(tmp_path, more=text)
     assert caught.value.key == f"profiles.iso.separation.{key}"
+
+
+def test_what_a_profile_by_distance_and_equation_says_is_about_the_equation(tmp_path):
+    both = ISO + "[profiles.iso.red]\ndistance_m = 0.1\njoint_speed_rad_s = 3.0\nspeed_scaling = 0.5\n"
+    both += "[profiles.iso.yellow]\ndistance_m = 0.2\njoint_speed_rad_s = 3.1\nspeed_scaling = 0.6\n"
+    assert not any(key.startswith("profiles") for key in said(changed(tmp_path, more=both), "iso"))
+
+
+def test_a_zone_that_is_strong_enough_does_not_hide_the_next(tmp_path):
+    robot = changed(
+        tmp_path,
+        ("red = { distance_m = 0.1775", "red = { distance_m = 0.9"),
+        ("yellow = { distance_m = 0.355", "yellow = { distance_m = 1.0"),
+    )
+    found = {key for key in said(robot) if key.startswith("profiles")}
+    assert found == {"profiles.kang2022.red", "profiles.kang2022"}
+
+
+def test_what_is_known_of_all_joints_ends_with_the_terms(robot):
+    for key, text in said(robot).items():
+        if key.startswith("profiles"):
+            assert re.search(
+                r" then \(v_h = 1\.6 m/s, T_r = 0\.282 s, T_s = 0\.\d+ s, Z_d = 0\.06 m\)$", text
+            )
+
+
+def test_a_joints_own_limit_and_its_fastest_data_both_count(tmp_path):
+    """The slower data of a joint that is limited to them; the fastest of one that may be faster."""
+    joints = "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"
+    slower = "slower = [{ speed_rad_s = 0.5, time_s = 0.04, distance_rad = 0.01 }], "
+    changes = [
+        (f"{joint} = {{ speed_rad_s = 3.194", f"{joint} = {{ {slower}speed_rad_s = {speed}")
+        for joint, speed in zip(joints, (2.0, 3.194, 3.194), strict=True)
+    ]
+    time, gain, unknown = stopping(changed(tmp_path, *changes), np.inf)
+    assert (time, gain, unknown) == (0.159, pytest.approx(0.09), [])
+    limits = ", ".join(f"{joint} = 0.5" for joint in joints)
+    limited = ("[limits]\n", f"[limits]\nvelocity_rad_s = {{ {limits} }}\n")
+    time, gain, unknown = stopping(changed(tmp_path, *changes, limited), np.inf)
+    assert (time, gain, unknown) == (0.04, pytest.approx(0.02), [])
+
+
+def test_of_several_rings_the_slowest_and_of_the_sources_the_best_at_rest(tmp_path):
+    ring = base().partition("[[rings]]")[2].partition("# The paper's scene")[0]
+    second = "[[rings]]" + ring.replace("period_s = 0.16", "period_s = 0.2").replace('"forearm"', '"second"')
+    slower = changed(tmp_path, more=second)
+    assert best_law(slower, 0.5, 0.002).reaction_time == pytest.approx(0.2 + 0.002 + 0.12)
+    # At rest the ring demands less, at 1 m/s the tracker would.
+    tracked = "obstacles = { required = true, timeout_s = 0.25, period_s = 0.19 }"
+    robot = changed(tmp_path, (OBSTACLES, tracked))
+    laws = [best_law(robot, 0.5, 0.002)]
+    assert laws[0].reaction_time == pytest.approx(0.19 + 0.122)
+    assert laws[0].human_uncertainty == 0.0
+    ring_at = [1.6 * (0.282 + 0.159) + 0.06 + speed * (0.282 + 0.0626) for speed in (0.0, 1.0)]
+    ours_at = [laws[0].terms(speed).S_p for speed in (0.0, 1.0)]
+    assert ours_at[0] < ring_at[0]
+
+
+def test_silence_of_cones_that_nearly_meet_is_said_beside_the_speed(tmp_path):
+    robot = changed(tmp_path, ("field_of_view_deg = 20.0", "field_of_view_deg = 44.95"))
+    text = said(robot)["rings[0]"]
+    first, second = text.split("; its cones")
+    assert first.endswith("m/s only")
+    assert second == (
+        " see 359.6° of 360°, and in the 0.4° between them silence promises nothing and counts as free: "
+        "`ssm coverage`"
+    )
+
+
+def test_every_source_without_a_checksum_is_named_in_full(tmp_path):
+    none = 'integrity = "none", '
+    robot = changed(
+        tmp_path,
+        ("joints = { required", f"joints = {{ {none}required"),
+        ("ranges = { required = true", f"ranges = {{ {none}required = false"),
+        (OBSTACLES, OBSTACLES.replace("{ required = false", f"{{ {none}required = true")),
+        ("target = { required", f"target = {{ {none}required"),
+    )
+    found = said(robot)
+    text = "none: messages without a checksum are taken, and nobody notices one that was altered"
+    unchecked = {key: value for key, value in found.items() if key.endswith("integrity")}
+    assert unchecked == {
+        f"sources.{name}.integrity": text for name in ("joints", "ranges", "obstacles", "target")
+    }
+
+
+def test_nothing_is_said_of_rings_that_are_not_there(sliding, tmp_path):
+    unchecked = ARM_FILE.replace("ranges = { ", 'ranges = { integrity = "none", ')
+    (tmp_path / "arm.toml").write_text(
+        unchecked.replace("obstacles = { ", 'obstacles = { integrity = "none", ')
+    )
+    found = said(Robot.load(tmp_path / "arm.toml"), "steps")
+    assert {key for key in found if key.startswith("sources")} == {"sources.obstacles.integrity"}
+
+
+@pytest.mark.parametrize(("here", "other"), [("ranges", "obstacles"), ("obstacles", "ranges")])
+def test_a_source_that_is_not_required_is_named_with_the_other(tmp_path, here, other):
+    required = {name: str(name != here).lower() for name in ("ranges", "obstacles")}
+    robot = changed(
+        tmp_path,
+        ("ranges = { required = true", f"ranges = {{ required = {required['ranges']}"),
+        (OBSTACLES, OBSTACLES.replace("false", required["obstacles"])),
+    )
+    text = f"false: until its first message nobody misses it, and zones come from {other} alone"
+    assert said(robot)[f"sources.{here}.required"] == text
+    assert f"sources.{other}.required" not in said(robot)
