@@ -213,7 +213,7 @@ class Parts:
         stamps = [time.perf_counter_ns()]
         self._distances.nearest(position)
         stamps.append(time.perf_counter_ns())
-        rows = self._rows.rows(snapshot, self._rows.within(robot.velocity_limit), self._distances)
+        rows = self._rows.within(snapshot, robot.velocity_limit, self._distances)
         stamps.append(time.perf_counter_ns())
         box = velocity_box(
             position[free],

@@ -10,7 +10,14 @@ from .robot import Robot
 
 Array = NDArray[np.float64]
 
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product; numpy's own takes three times as long
+_FIRST, _SECOND = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return the cross products of rows, (k, 3): a third of what numpy's own takes, for few rows."""
+    products = a.take(_FIRST, axis=1) * b.take(_SECOND, axis=1)
+    found: Array = products[:, :3] - products[:, 3:]
+    return found
 
 
 def moved_by(robot: Robot, link: str) -> NDArray[np.bool_]:
@@ -39,8 +46,7 @@ def closing_gradients(spatial: Array, moved: NDArray[np.bool_], points: Array, n
         normals: (p, 3) unit, from the obstacle to the link, base frame.
     """
     # n·(v_j + ω_j × p) = n·v_j + ω_j·(p × n)
-    turned = points[:, _NEXT] * normals[:, _LAST] - points[:, _LAST] * normals[:, _NEXT]
-    along = normals @ spatial[:3] + turned @ spatial[3:]
+    along = normals @ spatial[:3] + cross(points, normals) @ spatial[3:]
     gradients: Array = np.where(moved, -along, 0.0)
     return gradients
 
@@ -57,8 +63,8 @@ def greatest_speeds(spatial: Array, moving: Array, centres: Array, radii: Array)
         radii: (k,) [m].
     """
     twists = moving @ spatial.T
-    linear, angular = twists[:, :3], twists[:, 3:]
-    linear = linear + angular[:, _NEXT] * centres[:, _LAST] - angular[:, _LAST] * centres[:, _NEXT]
+    angular = twists[:, 3:]
+    linear = twists[:, :3] + cross(angular, centres)
     squares = np.einsum("ij,ij->i", linear, linear), np.einsum("ij,ij->i", angular, angular)
     speeds: Array = np.sqrt(squares[0]) + radii * np.sqrt(squares[1])
     return speeds

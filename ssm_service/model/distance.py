@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import overload
 
 import numpy as np
 from msgspec import Struct
@@ -243,7 +244,15 @@ class DistanceModel:
         nearest = [self._nearest_piece(i, pieces[j]) for i, j in places]
         return self._pairs(link, obstacle, distance, self._witness.of_hulls(nearest, obstacle.tolist()))
 
-    def below(self, position: ArrayLike, limits: NDArray[np.float64]) -> Pairs:
+    @overload
+    def below(self, position: ArrayLike, limits: NDArray[np.float64]) -> Pairs: ...
+
+    @overload
+    def below(self, position: ArrayLike, limits: NDArray[np.float64], *, most: int) -> Pairs | None: ...
+
+    def below(
+        self, position: ArrayLike, limits: NDArray[np.float64], *, most: int | None = None
+    ) -> Pairs | None:
         """Return the links and obstacles that are nearer by the hull pieces than a limit of their own.
 
         Only what the balls round pieces and obstacles do not rule out is measured.
@@ -251,6 +260,10 @@ class DistanceModel:
         Args:
             position: (n,) [rad or m].
             limits: (n_links, n_obstacles) [m].
+            most: Hull pieces that may be measured for it.
+
+        Returns:
+            None where more than ``most`` would have to be measured.
 
         Raises:
             InputError: ``wrong_length`` or ``not_finite``.
@@ -265,6 +278,8 @@ class DistanceModel:
         near = (~(balls - SLACK_M >= allowed[:, of_piece])).nonzero()
         if not len(near[0]):
             return self._nowhere
+        if most is not None and len(near[0]) > most:
+            return None
         found: dict[tuple[int, int], tuple[float, int, tuple[Vector, Vector, Vector]]] = {}
         for obstacle, piece in zip(near[0].tolist(), near[1].tolist(), strict=True):
             distance = scene.measure(obstacle, piece) - SLACK_M

@@ -27,6 +27,9 @@ MOST_EXACT: Final = 4
 
 The hulls alone would do: they are never too far."""
 
+MOST_LOOSE: Final = 6
+"""Hull pieces that are measured because joints could bring them near, before it is asked what links do."""
+
 EXACT_BELOW_M: Final = 0.06
 """Beyond this the hull's few millimetres make no difference."""
 
@@ -47,18 +50,6 @@ class Rows(NamedTuple):
     ceilings: Array
     approach: Array
     normals: Array
-
-
-class Reach(NamedTuple):
-    """How fast links and joints may be at most.
-
-    Attributes:
-        links: (links,) any point of each monitored link [m/s].
-        joints: (n,) [rad/s].
-    """
-
-    links: Array
-    joints: Array
 
 
 class RowMaker:
@@ -88,30 +79,26 @@ class RowMaker:
             self._itself = SelfCollision(self._robot)
         return self._itself
 
-    def within(self, speeds: Array) -> Reach:
-        """Return how fast links are where no joint is faster than this, (n,) [rad/s]."""
-        return Reach(links=self._levers @ speeds, joints=speeds)
-
-    def at(self, velocity: Array, snapshot: Snapshot, distances: DistanceModel) -> Reach:
-        """Return how fast links are at one joint velocity, (n,) [rad/s]."""
-        reach = self.within(np.abs(velocity))
-        if not snapshot.obstacles:
-            return reach
-        position, spatial = snapshot.joints.position, snapshot.kinematics.spatial_jacobian
-        speeds = distances.link_speeds(position, spatial, self._moved_rows, velocity)
-        return Reach(links=np.minimum(reach.links, speeds), joints=reach.joints)
-
-    def rows(self, snapshot: Snapshot, reach: Reach, distances: DistanceModel) -> Rows:
-        """Return every row that can bind.
+    def at(self, snapshot: Snapshot, velocity: Array, distances: DistanceModel) -> Rows:
+        """Return every row that a joint velocity could offend.
 
         Args:
             snapshot: Robot and surroundings.
-            reach: How fast links and joints may be.
+            velocity: (n,) [rad/s].
             distances: Has the snapshot's obstacles.
         """
-        found = [self._of_itself(snapshot, reach.joints)]
+        return self._rows(snapshot, np.abs(velocity), velocity, distances)
+
+    def within(self, snapshot: Snapshot, speeds: Array, distances: DistanceModel) -> Rows:
+        """Return every row that some velocity could offend that is no faster than this, (n,) [rad/s]."""
+        return self._rows(snapshot, speeds, None, distances)
+
+    def _rows(
+        self, snapshot: Snapshot, speeds: Array, velocity: Array | None, distances: DistanceModel
+    ) -> Rows:
+        found = [self._of_itself(snapshot, speeds)]
         if snapshot.obstacles:
-            found.append(self._tracked(snapshot, reach.links, distances))
+            found.append(self._tracked(snapshot, speeds, velocity, distances))
         if snapshot.echo is not None:
             found.append(self._seen(snapshot, snapshot.echo))
         found = [one for one in found if len(one.bounds)] or found[:1]
@@ -119,23 +106,38 @@ class RowMaker:
             return found[0]
         return Rows(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
-    def _tracked(self, snapshot: Snapshot, reach: Array, distances: DistanceModel) -> Rows:
-        config = self._config
+    def _tracked(
+        self, snapshot: Snapshot, speeds: Array, velocity: Array | None, distances: DistanceModel
+    ) -> Rows:
         if snapshot.obstacles is not self._obstacles:
             self._obstacles = snapshot.obstacles
             self._velocities = np.array([one.velocity or (0.0, 0.0, 0.0) for one in snapshot.obstacles])
-            speeds = np.sqrt((self._velocities * self._velocities).sum(axis=1))
-            self._least = config.margin_m + speeds / config.approach_gain
-        # Beyond this b is more than the links' and the obstacle's speeds together.
-        limits = (reach / config.approach_gain)[:, np.newaxis] + self._least
-        np.minimum(limits, config.influence_distance_m, out=limits)
-        pairs = distances.below(snapshot.joints.position, limits)
+            own = np.sqrt((self._velocities * self._velocities).sum(axis=1))
+            self._least = self._config.margin_m + own / self._config.approach_gain
+        position, pairs, reach = snapshot.joints.position, None, self._levers @ speeds
+        if velocity is not None:
+            pairs = distances.below(position, self._limits(reach), most=MOST_LOOSE)
+        if pairs is None:
+            if velocity is not None:
+                spatial = snapshot.kinematics.spatial_jacobian
+                moving = distances.link_speeds(position, spatial, self._moved_rows, velocity)
+                reach = np.minimum(reach, moving)
+            pairs = distances.below(position, self._limits(reach))
         if not len(pairs):
-            return _none(len(snapshot.joints.position))
+            return _none(len(position))
         self._measure(pairs, distances)
         approach = approach_speeds(pairs.normal, self._velocities[pairs.obstacle])
         moved = self._moved_rows[pairs.link]
         return self._made(snapshot, moved, pairs.distance, pairs.point_on_link, pairs.normal, approach)
+
+    def _limits(self, reach: Array) -> Array:
+        """Return how near pairs must be to matter, (links, obstacles) [m].
+
+        Beyond this b is more than the links' (links,) and the obstacle's speeds together.
+        """
+        limits: Array = (reach / self._config.approach_gain)[:, np.newaxis] + self._least
+        np.minimum(limits, self._config.influence_distance_m, out=limits)
+        return limits
 
     @staticmethod
     def _measure(pairs: Pairs, distances: DistanceModel) -> None:

@@ -44,6 +44,7 @@ class Filtering:
         self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
         self._rows = RowMaker(robot)
         self._hindered = False
+        self._lower, self._upper = robot.position_lower[robot.free], robot.position_upper[robot.free]
         self._all_free = len(robot.free) == len(robot.joint_names)
         self.last: Filtered | None = None
 
@@ -118,12 +119,11 @@ class Filtering:
         if not self._hindered:
             found = self._alone(snapshot, wanted, start, box)
             if found is not None:
-                reach = self._rows.at(self._whole(found.velocity), snapshot, distances)
-                rows = self._rows.rows(snapshot, reach, distances)
-                if _admits(rows, self._of_free(rows.gradients) @ found.velocity):
+                rows = self._rows.at(snapshot, self._whole(found.velocity), distances)
+                if not len(rows.bounds) or _admits(rows, self._of_free(rows.gradients) @ found.velocity):
                     return found, rows
         fastest = np.maximum(-box.lower, box.upper)
-        rows = self._rows.rows(snapshot, self._rows.within(self._whole(fastest)), distances)
+        rows = self._rows.within(snapshot, self._whole(fastest), distances)
         slack = softness(rows.bounds, rows.approach, DAMPING_M_RAD)
         found = self._filter.solve(
             wanted, self._of_free(rows.gradients), rows.bounds, box, _metric(snapshot), rows.ceilings, slack
@@ -153,13 +153,12 @@ class Filtering:
         if previous is None:
             backward = self._box(snapshot, -speed_limit, speed_limit)
             return Box(backward.lower, self._box(snapshot, speed_limit, speed_limit).upper)
-        robot, free = self._robot, self._robot.free
-        limits = robot.config.file.limits
+        free, limits = self._robot.free, self._robot.config.file.limits
         return velocity_box(
             snapshot.joints.position[free],
             previous[free],
-            robot.position_lower[free],
-            robot.position_upper[free],
+            self._lower,
+            self._upper,
             speed_limit[free],
             limits.position_margin_rad,
             limits.acceleration_rad_s2,

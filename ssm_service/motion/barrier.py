@@ -155,8 +155,14 @@ def velocity_box(
     for index, (here, before, low, high, fastest) in enumerate(zip(*rows, strict=True)):
         check_joint(index, 0.0, before, here, fastest, low, high)
         back, forth = (gain - before, gain) if before < 0.0 else (gain, gain + before)
-        least.append(_towards(here - (low + margin), min(fastest, back), acceleration, dt))
-        greatest.append(_towards(high - margin - here, min(fastest, forth), acceleration, dt))
+        for speeds, gap, speed in (
+            (least, here - (low + margin), min(fastest, back)),
+            (greatest, high - margin - here, min(fastest, forth)),
+        ):
+            if gap > 0.0 and speed * speed <= 2.0 * acceleration * gap and speed * dt <= gap:
+                speeds.append(speed)
+            else:
+                speeds.append(_towards(gap, speed, acceleration, dt))
     return Box(-np.array(least, dtype=np.float64), np.array(greatest, dtype=np.float64))
 
 
@@ -164,6 +170,4 @@ def _towards(gap: float, fastest: float, acceleration: float, dt: float) -> floa
     """Return the greatest speed towards a limit that is this far away, ≥ 0 [rad/s]."""
     if not gap > 0.0:
         return 0.0
-    if fastest * fastest <= 2.0 * acceleration * gap and fastest * dt <= gap:
-        return fastest
     return min(fastest, math.sqrt(2.0 * acceleration * gap), gap / dt)

@@ -35,6 +35,7 @@ above vanish; the slacks are variables of our own instead.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, Literal, NamedTuple
 
 import daqp
@@ -169,17 +170,27 @@ def in_box(wanted: Array, box: Box, metric: Array | None = None) -> Filtered | N
     Raises:
         InputError: ``wrong_length``, ``not_finite``, ``out_of_range``.
     """
-    _check(wanted, np.empty((0, len(wanted))), np.empty(0), box.lower, box.upper, metric)
+    none = _no_rows(len(wanted))
+    _check(wanted, none, none.reshape(-1), box.lower, box.upper, metric)
     velocity = wanted
     if metric is not None:
-        linear, none = -(metric @ wanted), np.empty((0, len(wanted)))
-        found = _solved(metric.copy(), linear, none, box.upper.copy(), box.lower.copy(), len(wanted))
+        found = _solved(
+            metric.copy(), -(metric @ wanted), none.copy(), box.upper.copy(), box.lower.copy(), len(wanted)
+        )
         if found is None:
             return None
         velocity = found
     velocity = np.minimum(np.maximum(velocity, box.lower), box.upper)
     status: Status = "free" if metric is None else "solved"
     return Filtered(velocity=velocity, active=(), retreating=False, missed=0.0, status=status)
+
+
+@lru_cache(maxsize=8)
+def _no_rows(count: int) -> Array:
+    """Return no gradients, (0, count), read-only."""
+    none = np.empty((0, count))
+    none.flags.writeable = False
+    return none
 
 
 def task_metric(jacobian: Array, freedom: float = 0.05) -> Array:

@@ -13,6 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..model import Robot, moved_by
+from ..model.closing import cross
 from ..model.hulls import build_parts
 
 Array = NDArray[np.float64]
@@ -25,7 +26,6 @@ ALWAYS: Final = 0.95
 
 _left_out: WeakKeyDictionary[Robot, list[int]] = WeakKeyDictionary()  # of each robot without a start
 
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product
 _FAILED: Final = 1e300  # Coal's word for a distance that it could not tell is 1.8e308
 
 
@@ -152,8 +152,8 @@ class SelfCollision:
                 normals[row] = between / max(float(np.linalg.norm(between)), 1e-9)
         # g of the first point less that of the second; both lie on the normal, so either one will do:
         # n·(v + ω × p) = n·v + ω·(p × n)
-        turned = points[:, _NEXT] * normals[:, _LAST] - points[:, _LAST] * normals[:, _NEXT]
-        gradients: Array = (normals @ spatial[:3] + turned @ spatial[3:]) * -self._signs[pairs]
+        along = normals @ spatial[:3] + cross(points, normals) @ spatial[3:]
+        gradients: Array = along * -self._signs[pairs]
         return gradients
 
     def _touching(self, positions: Array, share: float) -> list[int]:

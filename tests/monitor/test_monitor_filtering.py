@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from bench.scenes import draw_scenes
-from ssm_service.model import DistanceModel, Obstacle, Robot
+from ssm_service.model import DistanceModel, Obstacle, Robot, moved_by
 from ssm_service.model.hulls import build_parts
-from ssm_service.monitor import JointSample, Target, filtering
+from ssm_service.monitor import JointSample, Target, filter_rows, filtering
 from ssm_service.monitor.filter_rows import MOST_EXACT, RowMaker
 from ssm_service.monitor.filtering import Filtering
 from ssm_service.monitor.snapshot import Snapshot
+from ssm_service.motion.self_collision import link_levers
 
 DT = 0.008
 FILE = Path(__file__).parents[2] / "bench" / "avoidance_robot.toml"
@@ -76,9 +77,9 @@ def test_rows_that_are_left_out_change_nothing(arm, monkeypatch, seed):
     assert told.retreating == of_every.retreating
 
 
-def _every(self, snapshot, reach, distances):
+def _every(self, snapshot, speeds, velocity, distances):
     """Give a row to each pair, in another order, measured as the others are."""
-    del reach
+    del speeds, velocity
     pairs = distances.pairs(snapshot.joints.position)
     self._measure(pairs, distances)
     rows = np.arange(len(pairs))[::-1]
@@ -94,26 +95,27 @@ def _every(self, snapshot, reach, distances):
 def test_it_is_solved_once_where_nothing_objects(arm, monkeypatch, seed):
     """What all pairs leave alone is not looked at twice, and what one does not is."""
     case = Case(arm, seed, fastest=0.0, farthest=0.6)
-    calls, made = [], RowMaker.rows
+    calls, made = [], RowMaker._rows
 
-    def counted(self, snapshot, reach, distances):
-        found = made(self, snapshot, reach, distances)
-        calls.append((reach, found))
+    def counted(self, snapshot, speeds, velocity, distances):
+        found = made(self, snapshot, speeds, velocity, distances)
+        calls.append((speeds, velocity, found))
         return found
 
-    monkeypatch.setattr(RowMaker, "rows", counted)
+    monkeypatch.setattr(RowMaker, "_rows", counted)
     velocity, told = case.step()
-    (first, near), *second = calls
-    closing = near.gradients @ case.wanted
+    (slow, at, near), *second = calls
+    np.testing.assert_array_equal(at, case.wanted)
+    closing = near.gradients @ at
     free = bool((closing <= np.minimum(near.bounds, near.ceilings)).all()) and bool((near.bounds >= 0).all())
     assert len(second) == (not free)
     if free:
         np.testing.assert_array_equal(velocity, case.wanted)
         assert (told.status, told.active) == ("free", ())
     else:
-        ((wide, every),) = second
-        assert (wide.links >= first.links).all()
-        assert (wide.joints >= first.joints).all()
+        ((fast, nowhere, every),) = second
+        assert nowhere is None
+        assert (fast >= slow).all()
         assert len(every.bounds) >= len(near.bounds)
 
 
@@ -155,7 +157,7 @@ def test_few_rows_are_looked_at_where_little_is_wanted(arm):
     case = Case(arm, 5, farthest=0.5, fastest=0.0)
     maker, counts = RowMaker(arm), []
     for speed in (0.0, 0.05, 0.5, 50.0):
-        rows = maker.rows(case.snapshot(), maker.within(np.full(6, speed)), case.distances)
+        rows = maker.within(case.snapshot(), np.full(6, speed), case.distances)
         counts.append(len(rows.bounds))
         assert np.isfinite(rows.gradients).all()
     assert counts == sorted(counts)
@@ -163,21 +165,37 @@ def test_few_rows_are_looked_at_where_little_is_wanted(arm):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_no_link_is_faster_than_its_reach(arm, seed):
+def test_no_link_is_faster_than_is_said(arm, seed):
     """Corners of the hulls, their speeds by differences of their places."""
     case, rng = Case(arm, seed), np.random.default_rng(seed)
     velocity = rng.uniform(-1.0, 1.0, 6)
-    maker, snapshot = RowMaker(arm), case.snapshot()
-    at, within = maker.at(velocity, snapshot, case.distances), maker.within(np.abs(velocity))
-    assert (at.links <= within.links).all()
-    assert at.links.sum() < 0.9 * within.links.sum()
+    moved = np.array([moved_by(arm, link) for link in arm.monitored_links])
+    spatial = arm.kinematics(case.position).spatial_jacobian
+    said = case.distances.link_speeds(case.position, spatial, moved, velocity)
+    by_levers = link_levers(arm) @ np.abs(velocity)
+    assert said.sum() < 0.9 * by_levers.sum()
     step = 1e-6
     here, there = (_corners(arm, case.position + sign * step * velocity) for sign in (-0.5, 0.5))
     for index, link in enumerate(arm.monitored_links):
         speeds = np.linalg.norm(there[link] - here[link], axis=1) / step
-        assert speeds.max() <= at.links[index] + 1e-6
-    nobody = maker.at(velocity, case.snapshot(obstacles=()), case.distances)
-    np.testing.assert_array_equal(nobody.links, within.links)
+        assert speeds.max() <= said[index] + 1e-6
+        assert speeds.max() <= by_levers[index] + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_whatever_links_are_asked_the_rows_that_could_be_offended_are_there(arm, monkeypatch, seed):
+    case = Case(arm, seed)
+    maker, snapshot = RowMaker(arm), case.snapshot()
+    every = maker.within(snapshot, np.full(6, 50.0), case.distances)
+    offended = every.gradients @ case.wanted > np.minimum(every.bounds, every.ceilings)
+    expected = {tuple(row) for row in np.round(every.gradients[offended], 6)}
+    counts = []
+    for most in (0, 6, 10_000):
+        monkeypatch.setattr(filter_rows, "MOST_LOOSE", most)
+        found = maker.at(snapshot, case.wanted, case.distances)
+        counts.append(len(found.bounds))
+        assert expected <= {tuple(row) for row in np.round(found.gradients, 6)}
+    assert counts[0] <= counts[2] < len(every.bounds)
 
 
 def _corners(arm, position):
@@ -205,9 +223,11 @@ def test_only_the_nearest_are_measured_to_the_triangles(arm, monkeypatch):
     case.obstacles = (ball,)
     case.distances.set_obstacles(case.obstacles)
     seen, below = [], DistanceModel.below
-    monkeypatch.setattr(DistanceModel, "below", lambda *given: seen.append(below(*given)) or seen[-1])
+    monkeypatch.setattr(
+        DistanceModel, "below", lambda *given, **more: seen.append(below(*given, **more)) or seen[-1]
+    )
     maker = RowMaker(arm)
-    maker.rows(case.snapshot(), maker.within(np.ones(6)), case.distances)
+    maker.within(case.snapshot(), np.ones(6), case.distances)
     (pairs,) = seen
     assert pairs.exact.sum() == MOST_EXACT
     assert pairs.distance[pairs.exact].max() < pairs.distance[~pairs.exact].min() + 0.02
@@ -216,8 +236,8 @@ def test_only_the_nearest_are_measured_to_the_triangles(arm, monkeypatch):
 def test_without_obstacles_there_are_the_links_against_each_other(arm):
     case = Case(arm, 2)
     maker, snapshot = RowMaker(arm), case.snapshot(obstacles=())
-    assert len(maker.rows(snapshot, maker.within(np.zeros(6)), case.distances).bounds) == 0
-    rows = maker.rows(snapshot, maker.within(np.full(6, 3.0)), case.distances)
+    assert len(maker.within(snapshot, np.zeros(6), case.distances).bounds) == 0
+    rows = maker.within(snapshot, np.full(6, 3.0), case.distances)
     assert len(rows.bounds) > 0
     np.testing.assert_array_equal(rows.bounds, rows.ceilings)
     assert not rows.normals.any()
