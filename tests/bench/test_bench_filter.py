@@ -34,9 +34,10 @@ def test_it_times_ticks_parts_and_solvers(result):
     document, folder = result
     assert document["benchmark"] == "filter"
     rows = {row["what"]: row for row in document["rows"]}
-    field, filtered = rows["`Monitor.step`, `field`"], rows["`Monitor.step`, `filter`"]
-    assert field["calls"] == filtered["calls"] == 5
-    assert filtered["added_us"] == pytest.approx(filtered["p50_us"] - field["p50_us"])
+    for place in ("spread", "crowd"):
+        field, filtered = (rows[f"`Monitor.step`, `{name}`, {place}"] for name in ("field", "filter"))
+        assert field["calls"] == filtered["calls"] == 5
+        assert filtered["added_us"] == pytest.approx(filtered["p50_us"] - field["p50_us"])
     parts = [row for row in rows.values() if row.get("share_percent") is not None]
     assert [row["share_percent"] for row in parts[:4]] == [100.0] * 4
     assert sum(row["share_percent"] for row in parts[4:]) == pytest.approx(100.0)
