@@ -89,7 +89,7 @@ def inject(rig: Rig, bounds: Bounds, name: str, rng: random.Random) -> dict[str,
         stop_due=bound is not None,
         stop_ms=took,
         bound_ms=bound,
-        late=bool(took is not None and bound is not None and took > bound),
+        late=bound is not None and (took is None or took > bound),
         wrong=wrong(found, rig.processes["plant"].since(start.plant), allowed=_lies(name)),
         recovered=rig.calm(RECOVERY_S),
     )

@@ -18,7 +18,8 @@ COLUMNS = {
     "noticed": "noticed",
     "by": "noticed by",
     "stop_ms": "worst to stop [ms]",
-    "bound_ms": "bound [ms]",
+    "bound_ms": "its bound [ms]",
+    "spare_ms": "least to spare [ms]",
     "late": "late",
     "wrong": "wrongly relaxed",
     "recovered": "recovered",
@@ -27,8 +28,9 @@ COLUMNS = {
 NOTES = """\
 'injected' counts injections, 'messages' the messages in them; 'noticed' counts injections all of whose \
 faulty messages were refused or counted, or for which the word that names the fault was said.
-'worst to stop' is from the first faulty message (or the signal) to the consumer's stop, where one is \
-due: the bound beside it is the one of that same worst case. A single message less, or a bad one between \
+'worst to stop' is the longest time from the first faulty message (or the signal) to the consumer's stop, \
+where one is due; the bound beside it is the one of that same case, and 'least to spare' is what any case had \
+left of its own. A single message less, or a bad one between \
 good ones, leaves good ones that are fresh: nobody has to stop.
 'wrongly relaxed': a zone milder than the true one, a clear scene believed that is not, a leave to move held \
 beyond its validity, or motion in a stop.
@@ -82,7 +84,7 @@ def _summary(lines: list[Line]) -> Row:
     for line in done:
         words.update(line["by"])
     due = [line for line in done if line.get("stop_due") and line.get("stop_ms") is not None]
-    worst = max(due, key=lambda line: line["stop_ms"] - line["bound_ms"], default=None)
+    worst = max(due, key=lambda line: line["stop_ms"], default=None)
     wrongs = Counter(word for line in done for word in line["wrong"])
     return {
         "injected": sum(line.get("injected", 1) for line in done),
@@ -91,6 +93,7 @@ def _summary(lines: list[Line]) -> Row:
         "by": ", ".join(word for word, _ in words.most_common(4)) or "–",
         "stop_ms": None if worst is None else worst["stop_ms"],
         "bound_ms": None if worst is None else worst["bound_ms"],
+        "spare_ms": min((line["bound_ms"] - line["stop_ms"] for line in due), default=None),
         "late": sum(bool(line["late"]) for line in done),
         "wrong": ", ".join(f"{word} ×{count}" for word, count in wrongs.items()) or 0,
         "recovered": sum(int(line["recovered"]) * line.get("injected", 1) for line in done),

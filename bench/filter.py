@@ -114,8 +114,9 @@ def worlds(robot: Robot, count: int, seed: int, farthest_m: float) -> list[Calla
     """Return makers of so many worlds, each always the same; no arm touches itself at first."""
     rng = np.random.default_rng([seed, 17])
     itself = SelfCollision(robot)
+    drawn = draw_scenes(robot, OBSTACLES, MOST_DRAWN * count + 10, seed, farthest_m)
     made: list[Callable[[], World]] = []
-    for scene in draw_scenes(robot, OBSTACLES, MOST_DRAWN * count, seed, farthest_m):
+    for scene in drawn:
         if itself.touches(scene.position):
             continue
         directions = rng.normal(size=(OBSTACLES, 3))

@@ -15,8 +15,11 @@ from .accept import CAPACITY, Channel, check
 from .connection import Connection
 from .echoing import Echoing
 from .followed import Followed
-from .roundtrip import RoundTrip
+from .roundtrip import Answers, RoundTrip
 from .watchdog import LONGEST_VALID_NS, Watchdog
+
+RENEW_NS = 100_000_000
+"""From one answer that renews the proof to the next question [ns]."""
 
 
 class Follower:
@@ -60,7 +63,7 @@ class Follower:
         self._keys = keys
         self._channels: tuple[Channel[m.Zone], Channel[m.VelocityCommand]] | None = None
         self._trip: RoundTrip | None = None
-        self._polled_ns = self._empty_ns = time.monotonic_ns()
+        self._polled_ns = self._empty_ns = self._renew_ns = time.monotonic_ns()
 
     def poll(self, now_ns: int | None = None) -> Followed:
         """Return what holds now; the same object as long as nothing changed.
@@ -83,6 +86,8 @@ class Follower:
         self.watchdog.expire(now)
         if not self.watchdog.proved:
             self._prove(self._trip, now)
+        elif now >= self._renew_ns:
+            self._renew(self._trip, now)
         zones, commands = self._channels
         if self._drain(zones, now) & self._drain(commands, now):
             # After a longish gap an empty channel may only mean that Zenoh's own threads were held up, too.
@@ -147,13 +152,29 @@ class Follower:
             if isinstance(self._link, Connection):
                 self._link.answered()
             answers.check()
-            if len({zone.producer for zone in answers.zones}) > 1:
-                self.watchdog.duplicate(now)
+            self._compare(answers, now)
             self.watchdog.prove(answers.zones[0], answers.asked_ns)
+            self._renew_ns = now + RENEW_NS
             # An answer that was long on its way only proves ages that are too great by now.
             self.watchdog.expire(now)
         except InputError as error:
             self.watchdog.refuse(error, now)
+
+    def _renew(self, trip: RoundTrip, now: int) -> None:
+        try:
+            answers = trip.step(now, self.heard)
+            if answers is None:
+                return
+            self._renew_ns = now + RENEW_NS
+            answers.check()
+            self._compare(answers, now)
+            self.watchdog.renew(answers.zones[0], answers.asked_ns, now)
+        except InputError as error:
+            self.watchdog.refuse(error, now)
+
+    def _compare(self, answers: Answers, now: int) -> None:
+        if len({zone.producer for zone in answers.zones}) > 1:
+            self.watchdog.duplicate(now)
 
     def _drain(self, channel: Channel[m.Zone] | Channel[m.VelocityCommand], now: int) -> bool:
         """Take what waits; return whether the channel was seen empty."""

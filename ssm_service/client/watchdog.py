@@ -20,6 +20,9 @@ SHORTEST_VALID_NS = 20_000_000
 REFUSAL_SHOWN_NS = 500_000_000
 """How long [ns] a refusal is named as the reason of a stop."""
 
+UNRENEWED_NS = 1_000_000_000
+"""A proof that was not renewed for so long [ns] is none any more."""
+
 MANY = 4
 """Producers that are kept apart; that there are more than one is all that matters."""
 
@@ -33,8 +36,11 @@ class Watchdog:
     because what comes after a silence may have waited somewhere (in this process while it was stopped, in
     a socket, in a router) for as long as the silence was.
 
-    What it cannot see is a delay on the network below ``valid_for_ns``, or one that grows so slowly that
-    no gap between two messages is ever that long.
+    A delay may also grow so slowly that no gap between two messages ever shows it. So the same question is
+    asked again and again, ten times a second by ``Follower`` (``renew``). The answer R was there when it
+    came; ticks up to R are acted on for ``valid_for_ns`` from then and no longer. Messages that lag behind
+    the answers by more are therefore a stop at the next answer but one, and a proof that is not renewed
+    within ``UNRENEWED_NS`` is dropped. What it cannot see is a delay below ``valid_for_ns``.
 
     All times are ``time.monotonic_ns`` [ns] of the consumer.
 
@@ -63,6 +69,8 @@ class Watchdog:
         self._lost = 0
         self._asked_ns = 0
         self._expires_ns = 0
+        self._there = (0, 0)  # the newest tick that was answered, and when its answer came
+        self._renewed_ns = 0
         self._current: Followed | None = None
         self._heard: dict[str, int] = {}
         self._duplicate_until_ns = 0
@@ -91,8 +99,26 @@ class Watchdog:
         self.forget()
         self.valid_for_ns = min(answer.valid_for_ns, self._longest_ns)
         self._pairing = Pairing(answer.producer, answer.seq)
-        self._asked_ns = asked_ns
+        self._asked_ns = self._renewed_ns = asked_ns
         self._expires_ns = asked_ns + self.valid_for_ns
+        self._there = (answer.seq, asked_ns)
+
+    def renew(self, answer: m.Zone, asked_ns: int, answered_ns: int) -> None:
+        """Take the answer to a later query: its tick is there, and those before it are on their way out.
+
+        An answer of another producer ends the proof: the one that was followed is gone, or not alone.
+
+        Raises:
+            InputError: As ``accept.check`` says.
+        """
+        check(answer, self._robot)
+        if self._pairing is None:
+            return
+        if answer.producer != self._pairing.producer:
+            self.forget()
+            return
+        self._there = (answer.seq, answered_ns)
+        self._renewed_ns = asked_ns
 
     def forget(self) -> None:
         """Drop everything that was held: nothing is believed until the next proof."""
@@ -102,7 +128,9 @@ class Watchdog:
 
     def expire(self, now_ns: int) -> None:
         """Drop everything if it is too old by now."""
-        if self._pairing is not None and now_ns >= self._expires_ns:
+        if self._pairing is None:
+            return
+        if now_ns >= self._expires_ns or now_ns - self._renewed_ns >= UNRENEWED_NS:
             self.forget()
 
     def take(self, message: Output, arrived_ns: int, now_ns: int) -> None:
@@ -126,7 +154,9 @@ class Watchdog:
         pair = self._pairing.add(message, max(arrived_ns, self._asked_ns))
         if pair is not None:
             self.valid_for_ns = min(pair.zone.valid_for_ns, pair.command.valid_for_ns, self._longest_ns)
-            self._expires_ns = pair.arrived_ns + self.valid_for_ns
+            seq, there_ns = self._there
+            known_ns = min(pair.arrived_ns, there_ns) if pair.zone.seq <= seq else pair.arrived_ns
+            self._expires_ns = known_ns + self.valid_for_ns
             self._current = decision(pair.zone, pair.command, self._expires_ns)
             self._name, self._ever, self._refused_ns = self._current.name, True, None
         elif isinstance(message, m.Zone) and message.zone == "stop":

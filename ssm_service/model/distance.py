@@ -304,7 +304,7 @@ class DistanceModel:
             velocity: (n,) of the joints [rad/s].
 
         Raises:
-            InputError: ``wrong_length`` or ``not_finite``.
+            InputError: ``wrong_length`` or ``not_finite``, of the position.
         """
         self._scene.place(self._robot.pinocchio_configuration(position))
         centres, radii = self._scene.piece_centres(), self._scene.piece_radii

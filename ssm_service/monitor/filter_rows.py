@@ -7,6 +7,7 @@ others are measured. The solution is that of all rows.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -68,6 +69,7 @@ class RowMaker:
         self._moved = {link: moved_by(robot, link) for link in links}
         self._moved_rows = np.array([self._moved[link] for link in robot.monitored_links])
         self._levers = link_levers(robot)
+        self._fixed = ~self._moved_rows[:, robot.free].any(axis=1)
         self._robot = robot
         self._itself: SelfCollision | None = None
         self._obstacles: Sequence[Obstacle] = ()
@@ -133,10 +135,12 @@ class RowMaker:
     def _limits(self, reach: Array) -> Array:
         """Return how near pairs must be to matter, (links, obstacles) [m].
 
-        Beyond this b is more than the links' (links,) and the obstacle's speeds together.
+        Beyond this b is more than the links' (links,) and the obstacle's speeds together. What no free joint
+        moves, a programme of the joints has nothing to say of.
         """
         limits: Array = (reach / self._config.approach_gain)[:, np.newaxis] + self._least
         np.minimum(limits, self._config.influence_distance_m, out=limits)
+        limits[self._fixed] = -math.inf
         return limits
 
     @staticmethod

@@ -43,7 +43,6 @@ class Filtering:
         self._goal: bytes | None = None
         self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
         self._rows = RowMaker(robot)
-        self._hindered = False
         self._lower, self._upper = robot.position_lower[robot.free], robot.position_upper[robot.free]
         self._all_free = len(robot.free) == len(robot.joint_names)
         self.last: Filtered | None = None
@@ -54,7 +53,7 @@ class Filtering:
 
     def reset(self) -> None:
         """Forget the ticks before."""
-        self.last, self._hindered = None, False
+        self.last = None
         self._circulation.reset()
         self._blocked, self._share, self._normal = False, 1.0, np.zeros(3)
 
@@ -106,8 +105,7 @@ class Filtering:
 
         Rows that hold at a solution without them do not change it. So it is solved without any first, and
         only the pairs that could object to that are looked at; if one does, or a retreat is asked for, all
-        that could object to anything the joints may do are in. As long as that was so at the last tick, the
-        first step is left out.
+        that could object to anything the joints may do are in. Nothing of the ticks before enters.
 
         Args:
             snapshot: Robot and surroundings.
@@ -116,19 +114,17 @@ class Filtering:
             box: Of the joints.
             distances: Has the snapshot's obstacles.
         """
-        if not self._hindered:
-            found = self._alone(snapshot, wanted, start, box)
-            if found is not None:
-                rows = self._rows.at(snapshot, self._whole(found.velocity), distances)
-                if not len(rows.bounds) or _admits(rows, self._of_free(rows.gradients) @ found.velocity):
-                    return found, rows
+        found = self._alone(snapshot, wanted, start, box)
+        if found is not None:
+            rows = self._rows.at(snapshot, self._whole(found.velocity), distances)
+            if not len(rows.bounds) or _admits(rows, self._of_free(rows.gradients) @ found.velocity):
+                return found, rows
         fastest = np.maximum(-box.lower, box.upper)
         rows = self._rows.within(snapshot, self._whole(fastest), distances)
         slack = softness(rows.bounds, rows.approach, DAMPING_M_RAD)
         found = self._filter.solve(
             wanted, self._of_free(rows.gradients), rows.bounds, box, _metric(snapshot), rows.ceilings, slack
         )
-        self._hindered = bool(found.active)
         return found, rows
 
     def _alone(self, snapshot: Snapshot, wanted: Array, start: Array, box: Box) -> Filtered | None:

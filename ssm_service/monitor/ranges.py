@@ -79,7 +79,9 @@ class RangeReader:
     """Turns scans into what the profile makes of them.
 
     A reading that the arm's own link explains is left out where somebody answers for what that sensor cannot
-    see: a tracker, or the profile, by what it makes of uncovered sectors. Otherwise it counts as an obstacle.
+    see: a tracker, or the profile, by what it makes of uncovered sectors. Otherwise it counts as an obstacle
+    for the zone. For motion it never does: whoever is within the sensor's accuracy of an own link is left to
+    the zone, which is then that of the own link's distance.
 
     Attributes:
         link: The link that carries the first ring; empty without rings.

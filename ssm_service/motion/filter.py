@@ -160,7 +160,7 @@ def _solved(
 
 
 def in_box(wanted: Array, box: Box, metric: Array | None = None) -> Filtered | None:
-    """Return what ``VelocityFilter.solve`` returns without any pair; ``None`` where the solver fails.
+    """Return what ``VelocityFilter.solve`` returns where no pair matters; ``None`` where the solver fails.
 
     Args:
         wanted: (k,) [rad/s].
@@ -172,16 +172,15 @@ def in_box(wanted: Array, box: Box, metric: Array | None = None) -> Filtered | N
     """
     none = _no_rows(len(wanted))
     _check(wanted, none, none.reshape(-1), box.lower, box.upper, metric)
-    velocity = wanted
-    if metric is not None:
+    velocity: Array = np.minimum(np.maximum(wanted, box.lower), box.upper)
+    status: Status = "free"
+    if metric is not None and velocity.tolist() != wanted.tolist():
         found = _solved(
             metric.copy(), -(metric @ wanted), none.copy(), box.upper.copy(), box.lower.copy(), len(wanted)
         )
         if found is None:
             return None
-        velocity = found
-    velocity = np.minimum(np.maximum(velocity, box.lower), box.upper)
-    status: Status = "free" if metric is None else "solved"
+        velocity, status = np.minimum(np.maximum(found, box.lower), box.upper), "solved"
     return Filtered(velocity=velocity, active=(), retreating=False, missed=0.0, status=status)
 
 

@@ -9,6 +9,7 @@ import zenoh
 
 from ssm_service.client import Follower
 from ssm_service.client.echoing import Echoing
+from ssm_service.client.follower import RENEW_NS
 from ssm_service.client.roundtrip import Answers
 from ssm_service.errors import InputError
 from ssm_service.wire import Heard, Keys, opened
@@ -188,12 +189,70 @@ def test_two_answers_of_two_producers_are_a_stop(bench):
     assert bench.follower.poll(2 * MS).reasons == ("duplicate:service",)
 
 
-def test_a_steady_stream_is_followed_without_another_question(bench):
+def test_a_steady_stream_is_followed_and_its_proof_renewed_ten_times_a_second(bench):
     asked = bench.trip.asked
-    for tick in range(11, 500):
+    for tick in range(11, 1011):
         bench.send(tick)
+        bench.trip.answers = (zone(tick),)
         assert bench.follower.poll(2 * MS * (tick - 10)).zone_message.seq == tick
-    assert bench.trip.asked == asked
+    assert bench.trip.asked == asked + 2.0 / (RENEW_NS * 1e-9)
+    assert bench.follower.watchdog.rejected == {}
+
+
+@pytest.mark.parametrize("each", [0.02, 0.25, 0.9, 3.0])
+def test_a_delay_that_grows_too_slowly_for_any_gap_is_a_stop(bench, each):
+    """Each tick comes a little later than the one before; ``each``: by so many ms."""
+    oldest, stopped, sent = 0.0, None, 11
+    for now in range(2, 6000, 2):
+        newest = 10 + now // 2
+        # tick n was decided at 2 (n - 10) ms and comes ``each`` (n - 10) later
+        while (sent - 10) * (2 + each) <= now:
+            bench.send(sent)
+            sent += 1
+        bench.trip.answers = (zone(newest),)
+        said = bench.follower.poll(now * MS)
+        if said.stopped_by_consumer:
+            stopped = now if stopped is None and now > 10 else stopped
+        else:
+            oldest = max(oldest, now - 2.0 * (said.zone_message.seq - 10))
+            stopped = None if oldest < 20 else stopped
+    assert stopped is not None
+    renewal = 2.0 + RENEW_NS / MS
+    assert oldest <= 20 + 2 + renewal * each / (2 + each) + each
+    assert bench.follower.watchdog.rejected == {}
+
+
+def test_a_proof_that_nobody_renews_lasts_a_second(bench):
+    bench.trip.answers = None
+    held = []
+    for tick in range(11, 800):
+        bench.send(tick)
+        held.append(not bench.follower.poll(2 * MS * (tick - 10)).stopped_by_consumer)
+    assert held == [True] * 499 + [False] * (len(held) - 499)
+
+
+def test_a_renewal_by_another_service_ends_the_proof(bench):
+    bench.trip.answers = (zone(99, producer="q"),)
+    for tick in range(11, 200):
+        bench.send(tick)
+        said = bench.follower.poll(2 * MS * (tick - 10))
+        assert said.stopped_by_consumer == (tick >= 60)
+
+
+def test_a_renewal_by_two_services_is_a_stop_and_a_malformed_one_is_refused(bench):
+    bench.trip.answers = (zone(10), zone(77, producer="q"))
+    for tick in range(11, 60):
+        bench.send(tick)
+        assert not bench.follower.poll(2 * MS * (tick - 10)).stopped_by_consumer
+    bench.trip.answers = (zone(60), zone(77, producer="q"))
+    bench.send(60)
+    assert bench.follower.poll(100 * MS).reasons == ("duplicate:service",)
+    bench.trip.heard = Heard("p", 200)
+    for tick in range(61, 112):
+        bench.trip.answers = (zone(tick),)
+        bench.send(tick)
+        bench.follower.poll(2 * MS * (tick - 10))
+    assert bench.follower.watchdog.rejected == {"old_seq": 1}
 
 
 def test_a_closed_session_is_a_stop_and_no_error(bench):

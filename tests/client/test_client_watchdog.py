@@ -5,7 +5,7 @@ import random
 import pytest
 
 from ssm_service.client.followed import Followed
-from ssm_service.client.watchdog import LONGEST_VALID_NS, Watchdog
+from ssm_service.client.watchdog import LONGEST_VALID_NS, UNRENEWED_NS, Watchdog
 from ssm_service.errors import InputError
 from ssm_service.safety import Zone
 from ssm_service.wire import messages as m
@@ -330,3 +330,52 @@ def test_with_a_latch_the_second_error_holds_the_stop_until_it_is_acknowledged()
         assert state.stopped_by_consumer
     assert latch.reset() == "masquerade on arm, 0.0 s after corruption on arm"
     assert watchdog.state(20 * MS).zone_message.seq == 19
+
+
+def test_ticks_that_were_answered_are_acted_on_for_as_long_as_they_are_valid_from_then(proved):
+    both(proved, 11, 1 * MS)
+    proved.renew(zone(14), 1 * MS, 2 * MS)
+    for seq, now in ((12, 10), (13, 18), (14, 21), (15, 21)):
+        both(proved, seq, now * MS)
+        known = now * MS if seq > 14 else 2 * MS
+        assert proved.state(now * MS).expires_ns == known + VALID_NS
+        assert proved.state(now * MS).zone_message.seq == seq
+
+
+def test_a_tick_that_was_there_for_longer_than_it_is_valid_is_a_stop(proved):
+    both(proved, 11, 1 * MS)
+    proved.renew(zone(14), 1 * MS, 2 * MS)
+    both(proved, 12, 20 * MS)
+    both(proved, 13, 22 * MS)
+    assert proved.state(22 * MS).reasons == ("stale:service",)
+    assert not proved.proved
+
+
+def test_a_proof_lasts_a_second_from_the_question_that_renewed_it(proved):
+    at = 0
+    for seq in range(11, 400):
+        at += 10 * MS
+        if seq == 60:
+            proved.renew(zone(60), at - 3 * MS, at)
+            until = at - 3 * MS + UNRENEWED_NS
+        both(proved, seq, at)
+        assert proved.proved
+        if seq >= 60 and at + 10 * MS >= until:
+            break
+    assert proved.state(until - 1).zone_message is not None
+    assert proved.state(until).stopped_by_consumer
+    assert not proved.proved
+
+
+def test_a_renewal_is_checked_and_changes_nothing_without_a_proof(proved):
+    with pytest.raises(InputError) as caught:
+        proved.renew(zone(12, robot="leg"), 0, 1)
+    assert caught.value.cause == "wrong_robot"
+    both(proved, 11, 1 * MS)
+    assert not proved.state(1 * MS).stopped_by_consumer
+    proved.renew(zone(12, producer="q"), 1 * MS, 2 * MS)
+    assert not proved.proved
+    assert proved.state(2 * MS).stopped_by_consumer
+    proved.renew(zone(13), 2 * MS, 3 * MS)
+    both(proved, 14, 3 * MS)
+    assert proved.state(3 * MS).stopped_by_consumer

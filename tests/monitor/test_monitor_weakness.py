@@ -296,15 +296,16 @@ def test_of_several_rings_the_slowest_and_of_the_sources_the_best_at_rest(tmp_pa
     second = "[[rings]]" + ring.replace("period_s = 0.16", "period_s = 0.2").replace('"forearm"', '"second"')
     slower = changed(tmp_path, more=second)
     assert best_law(slower, 0.5, 0.002).reaction_time == pytest.approx(0.2 + 0.002 + 0.12)
-    # At rest the ring demands less, at 1 m/s the tracker would.
+    # At rest the tracker demands less, at 1 m/s the ring would.
     tracked = "obstacles = { required = true, timeout_s = 0.25, period_s = 0.19 }"
     robot = changed(tmp_path, (OBSTACLES, tracked))
-    laws = [best_law(robot, 0.5, 0.002)]
-    assert laws[0].reaction_time == pytest.approx(0.19 + 0.122)
-    assert laws[0].human_uncertainty == 0.0
+    law = best_law(robot, 0.5, 0.002)
+    assert law.reaction_time == pytest.approx(0.19 + 0.122)
+    assert law.human_uncertainty == 0.0
     ring_at = [1.6 * (0.282 + 0.159) + 0.06 + speed * (0.282 + 0.0626) for speed in (0.0, 1.0)]
-    ours_at = [laws[0].terms(speed).S_p for speed in (0.0, 1.0)]
+    ours_at = [law.terms(speed).S_p for speed in (0.0, 1.0)]
     assert ours_at[0] < ring_at[0]
+    assert ours_at[1] > ring_at[1]
 
 
 def test_silence_of_cones_that_nearly_meet_is_said_beside_the_speed(tmp_path):

@@ -206,9 +206,18 @@ def test_without_pairs_the_box_alone_says_the_same(seed):
     expected = case.solve(**none)
     np.testing.assert_allclose(found.velocity, expected.velocity, atol=1e-9)
     assert (found.active, found.retreating, found.missed, found.rows) == ((), False, 0.0, 0)
-    assert found.status == ("free" if case.metric is None else "solved") == expected.status
+    whole = bool((found.velocity == case.wanted).all())
+    assert found.status == ("free" if case.metric is None or whole else "solved") == expected.status
     assert (found.velocity >= case.lower).all()
     assert (found.velocity <= case.upper).all()
+
+
+def test_alone_what_the_box_holds_comes_back_to_the_bit():
+    case = next(case for case in map(Case, range(99)) if case.metric is not None)
+    inside = 0.5 * np.minimum(case.upper, -case.lower)
+    found = module.in_box(inside, Box(case.lower, case.upper), case.metric)
+    np.testing.assert_array_equal(found.velocity, inside)
+    assert found.status == "free"
 
 
 def test_alone_it_leaves_its_arguments_alone_and_refuses_the_same(monkeypatch):
