@@ -11,8 +11,8 @@ so the motion stays in one plane across the obstacle, and its sense stays too, w
 Four senses are tried: two in the plane that is nearest to horizontal and two across; first the one towards
 which the wanted velocity leans, and of equal ones upwards, where an arm on a table has the most room.
 
-A sense ends well when the surface no longer opposes the wanted velocity, and badly when the arm stays blocked
-in spite of it or its time is over. The next block before the goal has come nearer than ever tries the next
+A sense ends well when the surface no longer opposes the wanted velocity, or nothing blocks just before the
+goal, and badly when the arm stays blocked in spite of it or its time is over. The next block before the goal has come nearer than ever tries the next
 sense; after the last one it gives up (``exhausted``), and a planner is asked. It is a heuristic: the blocking
 link need not be the end effector, and a way out of a maze is not among the things that it finds.
 """
@@ -108,7 +108,7 @@ class Circulation:
         if self._axis is None:
             if not blocked or self._blocked_s < WAIT_S or not self._begin(way, normal):
                 return np.zeros(3)
-        elif self._left(way, normal, blocked, dt):
+        elif self._left(way, normal, blocked, distance_to_goal, dt):
             self._axis = None
             return np.zeros(3)
         elif (self._blocked_s >= STUCK_S or self._sense_s >= SENSE_S) and not self._next():
@@ -143,9 +143,9 @@ class Circulation:
         self._axis = self._axes[0] if self._axes else None
         return not self.exhausted
 
-    def _left(self, way: Array, normal: Array, blocked: bool, dt: float) -> bool:
-        """Tell whether the surface has not opposed the way for long enough."""
-        free = not blocked and float(way @ normal) >= -_FACING
+    def _left(self, way: Array, normal: Array, blocked: bool, distance: float, dt: float) -> bool:
+        """Tell whether the surface has not opposed the way for long enough, or the goal is at hand."""
+        free = not blocked and (distance < PROGRESS_M or float(way @ normal) >= -_FACING)
         self._free_s = self._free_s + dt if free else 0.0
         return self._free_s >= LEAVE_S
 

@@ -6,7 +6,7 @@ import pytest
 from ssm_service.config import FilterConfig
 from ssm_service.errors import InputError
 from ssm_service.motion import VelocityFilter, barrier_bounds
-from ssm_service.motion.circulation import SENSE_S, STUCK_S, WAIT_S, Circulation
+from ssm_service.motion.circulation import LEAVE_S, SENSE_S, STUCK_S, WAIT_S, Circulation
 
 CONFIG = FilterConfig()
 DT = 0.008
@@ -187,6 +187,19 @@ def test_it_runs_along_the_surface_and_takes_out_what_is_against_it(seed):
     assert (other + turned) @ tangent == pytest.approx(
         CONFIG.circulation_m_s + max(0.0, other @ tangent), abs=1e-12
     )
+
+
+@pytest.mark.parametrize(
+    ("distance", "blocked", "leaves"), [(0.3, False, False), (0.01, False, True), (0.01, True, False)]
+)
+def test_just_before_the_goal_it_leaves_unless_blocked(distance, blocked, leaves):
+    """The surface still opposes the way all the time."""
+    circulation, wanted, normal = Circulation(CONFIG), np.array([0.1, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])
+    while not circulation.circulating:
+        circulation.step(wanted, normal, True, 0.3, DT)
+    for _ in range(int(LEAVE_S / DT) + 2):
+        circulation.step(wanted, normal, blocked, distance, DT)
+    assert circulation.circulating == (not leaves)
 
 
 def test_arrival_resets_it():
