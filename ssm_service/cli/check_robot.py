@@ -137,6 +137,7 @@ def _plausible(_robot: Robot, file: RobotFile) -> Iterator[Finding]:
     """Name the checks of inputs in due form that are off."""
     believed = {
         "joint_speed_factor": "joints that jump farther than they can move are believed",
+        "follow_window_s": "joints that do not do what they are told are believed",
         "frozen_scans": "a sensor that says the same for ever is believed" if file.rings else "",
         "echo_margin_m": "a sensor that misses what is tracked before it is believed" if file.rings else "",
     }
