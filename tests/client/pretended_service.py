@@ -64,6 +64,7 @@ class Pretended:
         self.wish = {"zone": "green", "fault": None, "command": True, "publish": True}
         self.seq = 1000
         self.zone_bytes = self.command_bytes = b""
+        self.held, self.delay_s = [], 0.0
         names = [] if args.mute else ["zone", "command", "health", "config", "frames", "evaluate", "reset"]
         self.queryables = {
             name: session.declare_queryable(self.prefix + name, zenoh.handlers.FifoChannel(64))
@@ -118,17 +119,23 @@ class Pretended:
         self.zone_bytes, self.command_bytes = self.messages()
         if not self.wish["publish"]:
             return
-        for name, schema, payload in (
-            ("zone", "Zone", self.zone_bytes),
-            ("command", "VelocityCommand", self.command_bytes),
-        ):
+        # As a network would whose delay grows with every message; queries are answered as ever.
+        self.delay_s += self.wish.get("creep_s", 0.0)
+        self.held.append((time.monotonic() + self.delay_s, self.seq, self.zone_bytes, self.command_bytes))
+        while self.held and self.held[0][0] <= time.monotonic():
+            _, seq, zone, command = self.held.pop(0)
+            self.put(seq, zone, command)
+
+    def put(self, seq, zone, command):
+        fault = self.wish["fault"]
+        for name, schema, payload in (("zone", "Zone", zone), ("command", "VelocityCommand", command)):
             if name == "command" and not self.wish["command"]:
                 continue
             encoding = "application/json" if fault == "encoding" else f"application/json;ssm.{schema}/1"
             if fault == "delete":
                 self.session.delete(self.prefix + name)
                 continue
-            attachment = self.seal(name, payload)
+            attachment = self.seal(name, payload, seq)
             if fault == "corrupt":
                 payload = payload.replace(b'"seq"', b'"seq" ')
             if fault == "no_crc":
@@ -137,8 +144,8 @@ class Pretended:
                 self.prefix + name, payload, encoding=encoding, attachment=attachment, **PUBLISHING
             )
 
-    def seal(self, name, payload):
-        return crc(self.prefix + name, payload, self.args.producer, self.seq)
+    def seal(self, name, payload, seq=None):
+        return crc(self.prefix + name, payload, self.args.producer, self.seq if seq is None else seq)
 
     def serve(self):
         for name, queryable in self.queryables.items():

@@ -145,6 +145,23 @@ def test_a_frozen_service_stops_it_and_what_it_said_before_is_not_believed_after
     assert followed.zone_message.stamp_ns >= resumed
 
 
+def test_a_delay_that_grows_by_little_with_every_message_is_a_stop(watching, pretended):
+    """By half a millisecond a tick of 2.5 ms: after three seconds messages are half a second old."""
+    service = pretended()
+    watching.until(valid)
+    begin = len(watching.yields)
+    service.wish(creep_s=0.0005)
+    watching.during(3.0)
+    found = watching.yields[begin:]
+    ages = [now - f.zone_message.stamp_ns for now, f in found if valid(f) and now < f.expires_ns]
+    assert len(ages) > 50
+    # In the 0.1 s from one renewal to the next the delay grows by 17 ms.
+    assert max(ages) < VALID_NS + 17 * MS + 40 * MS
+    late = [f for now, f in found if now > found[-1][0] - 1000 * MS]
+    assert late
+    assert all(map(own_stop, late))
+
+
 @pytest.mark.parametrize("patient", [False, True], ids=["link_lost", "backlog_in_the_sockets"])
 def test_a_frozen_consumer_never_yields_what_waited_for_it(spawn, pretended, endpoint, tmp_path, patient):
     file = tmp_path / "yields.json"
