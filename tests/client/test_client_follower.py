@@ -74,6 +74,7 @@ class Trip:
 
     def step(self, now, heard):
         self.asked += 1
+        self.given = heard
         return self.answers and Answers(zones=self.answers, asked_ns=now - self.took_ns, heard=self.heard)
 
 
@@ -160,7 +161,7 @@ def test_a_pause_hides_nothing_that_is_wrong_with_what_waited(bench):
     bench.follower.poll(2 * MS)
     bench.zones.waiting += [b"nonsense", msgspec.structs.replace(zone(12), robot="another"), zone(13)]
     bench.commands.waiting += [b"nonsense"]
-    assert bench.follower.poll(2000 * MS).stopped_by_consumer
+    assert bench.follower.poll(2000 * MS).reasons == ("invalid:service",)
     assert bench.follower.watchdog.rejected == {"not_json": 2, "wrong_robot": 1}
     assert bench.follower.watchdog.integrity_errors == {"addressing": 1}
     assert bench.follower.heard.seq == 11  # what is right with it is dropped all the same
@@ -248,11 +249,20 @@ def test_a_renewal_by_two_services_is_a_stop_and_a_malformed_one_is_refused(benc
     bench.send(60)
     assert bench.follower.poll(100 * MS).reasons == ("duplicate:service",)
     bench.trip.heard = Heard("p", 200)
+    refused, refuse = [], bench.follower.watchdog.refuse
+
+    def watched(error, now):
+        refused.append((error.cause, now))
+        refuse(error, now)
+
+    bench.follower.watchdog.refuse = watched
     for tick in range(61, 112):
         bench.trip.answers = (zone(tick),)
         bench.send(tick)
         bench.follower.poll(2 * MS * (tick - 10))
     assert bench.follower.watchdog.rejected == {"old_seq": 1}
+    assert refused == [("old_seq", 200 * MS)]
+    assert bench.trip.given == Heard("p", 109)
 
 
 def test_a_closed_session_is_a_stop_and_no_error(bench):
