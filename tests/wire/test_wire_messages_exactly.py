@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,6 +26,8 @@ from ssm_service.wire import (
     encoding_of,
     evaluate_message,
     frames_message,
+    json_schemas,
+    names_another,
     question_from,
     separation_message,
     separation_pairs,
@@ -368,3 +371,26 @@ def test_keys_and_encodings():
     )
     assert robot_of("ssm/left/zone") == robot_of("ssm/left") == "left"
     assert encoding_of(m.Zone) == "application/json;ssm.Zone/1"
+
+
+def test_all_messages_are_described_in_one_document():
+    document = json_schemas()
+    assert list(document) == ["$schema", "title", "$defs"]
+    assert document["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert document["title"] == f"ssm_service messages, version {m.VERSION}"
+    assert {message.__name__ for message in m.ALL} <= set(document["$defs"])
+    assert '"$ref": "#/$defs/ObstacleEntry"' in json.dumps(document["$defs"]["Obstacles"])
+
+
+@pytest.mark.parametrize(
+    ("encoding", "another"),
+    [
+        ("application/json;ssm.Zone/1;q=1", True),
+        ("application/json;charset=utf-8;ssm.Zone/1", False),
+        ("application/json;ssm.Ranges/1", False),
+        ("application/json", False),
+        ("", False),
+    ],
+)
+def test_the_schema_is_what_follows_the_first_semicolon(encoding, another):
+    assert names_another(encoding, m.Ranges) == another
