@@ -29,8 +29,8 @@ NOTES = """\
 'injected' counts injections, 'messages' the messages in them; 'noticed' counts injections all of whose \
 faulty messages were refused or counted, or for which the word that names the fault was said.
 'worst to stop' is the longest time from the first faulty message (or the signal) to the consumer's stop, \
-where one is due; the bound beside it is the one of that same case, and 'least to spare' is what any case had \
-left of its own. A single message less, or a bad one between \
+where one is due; the bound beside it is the one of that same case, and 'least to spare' is what any case \
+had left of its own. A single message less, or a bad one between \
 good ones, leaves good ones that are fresh: nobody has to stop.
 'wrongly relaxed': a zone milder than the true one, a clear scene believed that is not, a leave to move held \
 beyond its validity, or motion in a stop.

@@ -12,9 +12,10 @@ Four senses are tried: two in the plane that is nearest to horizontal and two ac
 which the wanted velocity leans, and of equal ones upwards, where an arm on a table has the most room.
 
 A sense ends well when the surface no longer opposes the wanted velocity, or nothing blocks just before the
-goal, and badly when the arm stays blocked in spite of it or its time is over. The next block before the goal has come nearer than ever tries the next
-sense; after the last one it gives up (``exhausted``), and a planner is asked. It is a heuristic: the blocking
-link need not be the end effector, and a way out of a maze is not among the things that it finds.
+goal, and badly when the arm stays blocked in spite of it or its time is over. The next block before the goal
+has come nearer than ever tries the next sense; after the last one it gives up (``exhausted``), and a planner
+is asked. It is a heuristic: the blocking link need not be the end effector, and a way out of a maze is not
+among the things that it finds.
 """
 
 from __future__ import annotations
